@@ -26,6 +26,8 @@ from data_synth.irradiance import ray_weights, shifted_sobol, white_irradiance
 from data_synth.lens import SetLens
 
 RAYS_PER_BATCH = 1 << 18
+_MARGIN = 0.02
+"""Beyond each side of the frame, in its width and height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ def expose_dots(
     width, height = frame.size_px
     image = np.zeros((height, width, 3))
     moments = np.zeros((3, len(index), 3))
-    samples = shifted_sobol(4, rays_per_wavelength, len(index), seed)
+    samples = shifted_sobol(rays_per_wavelength, len(index), seed)
     white = white_irradiance(lens, pose.distance_mm, bands) * np.prod(frame.pitch_mm)
     per_batch = max(1, RAYS_PER_BATCH // rays_per_wavelength)
     for channel, band in enumerate(bands):
@@ -98,7 +100,7 @@ def expose_dots(
 
 
 def dots_in_frame(
-    lens: SetLens, chart: Chart, pose: Pose, frame: Frame, margin: float = 0.02
+    lens: SetLens, chart: Chart, pose: Pose, frame: Frame
 ) -> tuple[Int[np.ndarray, "dots 2"], Float[np.ndarray, "dots 2"]]:
     """Indices and chart positions of the dots whose light may touch the frame."""
     scale = pose.distance_mm / lens.focal_length_mm
@@ -109,7 +111,7 @@ def dots_in_frame(
     chart_mm = index * chart.pitch_mm
     object_mm, _ = pose.placed(chart_mm)
     landing = chief_landings_mm(lens, tracer_from_object(object_mm), 540.0)
-    limit = np.array(frame.size_mm) * (0.5 + margin)
+    limit = np.array(frame.size_mm) * (0.5 + _MARGIN)
     with np.errstate(invalid="ignore"):
         seen = (np.abs(landing) < limit).all(axis=1) & (object_mm[:, 2] > 0)
     seen &= chart.is_printed(chart_mm)

@@ -19,20 +19,22 @@ from data_synth.bands import Band
 from data_synth.lens import SetLens
 
 BITS = 30
+_DIMENSIONS = 4
+"""Of each sample: two of the point, two of the pupil."""
 STEP_MM = 1.0
 
 
 def shifted_sobol(
-    dimensions: int, points: int, copies: int, seed: int
-) -> Float[np.ndarray, "copies points dimensions"]:
+    points: int, copies: int, seed: int
+) -> Float[np.ndarray, "copies points 4"]:
     """Copies of one scrambled Sobol sequence, binary digits flipped at random in each.
 
     A digital shift keeps the sequence's evenness, which a shift modulo 1 does not.
     """
-    sobol = qmc.Sobol(dimensions, bits=BITS, rng=np.random.default_rng(seed))
+    sobol = qmc.Sobol(_DIMENSIONS, bits=BITS, rng=np.random.default_rng(seed))
     digits = (sobol.random(points) * 2**BITS).astype(np.uint32)
     flips = np.random.default_rng(seed + 1).integers(
-        2**BITS, size=(copies, 1, dimensions)
+        2**BITS, size=(copies, 1, _DIMENSIONS)
     )
     return ((digits ^ flips.astype(np.uint32)) + 0.5) / 2**BITS
 

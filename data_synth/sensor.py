@@ -68,13 +68,13 @@ def demosaiced(
 
 
 def srgb_codes(
-    linear: Float[np.ndarray, "height width 3"], bits: int = 8
+    linear: Float[np.ndarray, "height width 3"],
 ) -> Float[np.ndarray, "height width 3"]:
-    """Codes of the sRGB transfer curve (IEC 61966-2-1), rounded, as floats."""
+    """8-bit codes of the sRGB transfer curve (IEC 61966-2-1), rounded, as floats."""
     clipped = np.clip(linear, 0.0, 1.0)
     curved = np.where(
         clipped <= 0.0031308,
         12.92 * clipped,
         1.055 * clipped ** (1 / 2.4) - 0.055,
     )
-    return np.round(curved * (2**bits - 1))
+    return np.round(curved * 255)

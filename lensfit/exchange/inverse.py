@@ -21,7 +21,6 @@ def inverse_points(
     function: Callable[[Points], Points],
     target: Points,
     unit: float,
-    start: Points | None = None,
 ) -> Points:
     """The points that `function` takes to `target`.
 
@@ -29,10 +28,9 @@ def inverse_points(
     ----------
     function : The closed form, row by row.
     unit : Size of the picture in the unit of the points: steps and errors count in it.
-    start : Start value; the target if None.
     """
     target = np.asarray(target, float)
-    points = np.array(target if start is None else start, float)
+    points = target.copy()
     with np.errstate(all="ignore"):
         error = function(points) - target
         for _ in range(_STEPS):

@@ -9,7 +9,7 @@ alike. ``lens/aperture`` is the horizontal sensor size; the standard ``aperture`
 f-number. EXIF writes 0 for what it does not know, which counts as missing here.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
@@ -116,16 +116,12 @@ def camera_words(
 def camera_state_from(
     header: Mapping[str, object],
     size_px: tuple[int, int] | None = None,
-    aliases: Mapping[str, Sequence[Alias]] | None = None,
-    known_better: Collection[str] = (),
 ) -> CameraState:
     """The camera state that a header describes.
 
     Parameters
     ----------
-    header, size_px, aliases : As `camera_words` takes them.
-    known_better : Fields that somebody else tells: an impossible entry of theirs is
-        passed over.
+    header, size_px : As `camera_words` takes them.
 
     Raises
     ------
@@ -134,13 +130,11 @@ def camera_state_from(
     """
     values: dict[str, float | str] = {}
     sources: dict[str, str] = {}
-    for name, words in camera_words(header, size_px, aliases).items():
-        for value, entry, _ in words:
-            if not isinstance(value, ImageError):
-                values[name], sources[name] = value, entry
-                break
-            if name not in known_better:
-                raise value
+    for name, words in camera_words(header, size_px).items():
+        value, entry, _ = words[0]
+        if isinstance(value, ImageError):
+            raise value
+        values[name], sources[name] = value, entry
     return CameraState(**values, sources=sources)  # pyright: ignore[reportArgumentType]
 
 

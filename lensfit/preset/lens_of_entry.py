@@ -133,10 +133,9 @@ def lens_of_entry(
     entry: Entry,
     camera: Camera,
     f_number: float | None = None,
-    notes: tuple[str, ...] = (),
 ) -> Lens:
     """The lens at the state of `entry`, whose `fall_off` has at most one member."""
-    chosen = Selection(entry, f_number, notes, entry.focus_distance_mm)
+    chosen = Selection(entry, f_number, (), entry.focus_distance_mm)
     return lens_of_selection(chosen, camera)
 
 

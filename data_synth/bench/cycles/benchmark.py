@@ -34,6 +34,7 @@ _FINE = 8
 """Pixels of a light in focus for each of the others."""
 _STEPS = 4
 _FRAME_SAMPLES = 512
+"""Of a pixel of the frame, twice."""
 _GAIN, _GREY, _GAMMA, _QUALITY = 4.0, 0.5, 2.2, 88
 
 
@@ -43,7 +44,6 @@ def bench_cycles(
     python: str,
     out_dir: str | Path | None = None,
     *,
-    samples: int = _FRAME_SAMPLES,
     progress: Progress = silent,
 ) -> list[Row]:
     """Chart, lights, fall-off and a frame.
@@ -53,7 +53,6 @@ def bench_cycles(
     state : Of the lens; the chart is photographed stopped down.
     python : Interpreter that has `bpy`.
     out_dir : Folder for the pictures of the frame, side by side; none if None.
-    samples : Of a pixel of the frame, twice.
 
     Raises
     ------
@@ -77,7 +76,7 @@ def bench_cycles(
     progress("Cycles", 3, _STEPS)
     frame = Cycles(python, ExchangeFrame(_FRAME_PX, width_mm))
     with shaded_lens(preset, state, frame) as seen:
-        found = same_frame(seen, samples)
+        found = same_frame(seen, _FRAME_SAMPLES)
     progress("Cycles", _STEPS, _STEPS)
     if out_dir is not None:
         write_bytes_atomic(Path(out_dir) / PICTURE, side_by_side(found))

@@ -41,7 +41,6 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
-from lensfit.rendering.render_stages import DEFAULT_TOLERANCE
 
 TOLERANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 _UHD_TOLERANCES = (1e-3, 2e-3, 5e-3, 1e-2, 3e-2)
@@ -142,10 +141,10 @@ def _photographed(
     for folder in photographed_scenes(data):
         own = given or preset_of_scene(folder)
         if own is not None:
-            rows += photographed_rows(folder, own, DEFAULT_TOLERANCE)
+            rows += photographed_rows(folder, own)
             fitted = fitted or own
     if scene is not None and fitted is not None:
-        rows += photographed_rows(Path(scene), fitted, DEFAULT_TOLERANCE)
+        rows += photographed_rows(Path(scene), fitted)
     if fitted is None:
         bundled = bundled_preset()
         fitted = None if bundled is None else load_preset(bundled)

@@ -152,7 +152,7 @@ def _focal_facts(focal_mm: float, entries: list[Facts], report: Facts) -> Facts:
         for s in report.get("statements") or []
         if s["quantity"] == "focal_length" and s["focal_length_mm"] == focal_mm
     ]
-    distortion = _of_corner(far, "distortion_percent")
+    distortion = _corner_distortion(far)
     return {
         "focal_length_mm": focal_mm,
         "fitted_focal_length_mm": plain(_mean([s["fitted"] for s in fitted])),
@@ -180,9 +180,9 @@ def _focus_order(entry: Facts) -> float:
     return math.inf if focus is None else focus
 
 
-def _of_corner(entry: Facts, key: str) -> float | None:
-    """The last value of the radial profile, at the frame's corner."""
-    values = (entry.get("radial_profile") or {}).get(key) or []
+def _corner_distortion(entry: Facts) -> float | None:
+    """The last value of the radial profile, at the frame's corner; percent."""
+    values = (entry.get("radial_profile") or {}).get("distortion_percent") or []
     known = [value for value in values if value is not None]
     return float(known[-1]) if known else None
 

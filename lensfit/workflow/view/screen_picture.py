@@ -4,9 +4,9 @@ They are in sRGB, or as a view transform of OpenColorIO makes them. The sRGB cod
 every half float is known beforehand, so that a picture is looked up rather than
 computed; half floats resolve light eight times finer than 8 bits do.
 
-A config of OpenColorIO is that of ``$OCIO``, or one of those that OpenColorIO brings along, by its
-``ocio://`` name; a page names one of these and no file. Where OpenColorIO is not
-installed there are none, and pictures are shown in sRGB.
+A config of OpenColorIO is that of ``$OCIO``, or one of those that OpenColorIO brings
+along, by its ``ocio://`` name; a page names one of these and no file. Where OpenColorIO
+is not installed there are none, and pictures are shown in sRGB.
 """
 
 import os
