@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bands import Channel
+from data_synth.sensor import Channel
 
 
 @dataclass(frozen=True)

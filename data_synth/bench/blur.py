@@ -22,9 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.interpolate import RBFInterpolator
 
-from data_synth.bench.machine import machine
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.sets import chosen_sets, shoot_of
 from lensfit.errors import LensfitError
 from lensfit.fitting.lens_states import fit

@@ -11,9 +11,8 @@ from typing import Any
 
 from data_synth.bench.detect import bench_detect
 from data_synth.bench.fit.benchmark import bench_fit
-from data_synth.bench.machine import machine
 from data_synth.bench.render.benchmark import bench_render
-from data_synth.bench.result import bench_result
+from data_synth.bench.result import bench_result, machine
 from data_synth.bench.warp import bench_warp
 from data_synth.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
 from lensfit.errors import LensfitError

@@ -20,11 +20,9 @@ from data_synth.bench.fit.lens import (
     truth_errors_px,
 )
 from data_synth.bench.fit.opencv import opencv_of
-from data_synth.bench.fit.plot import write_plot
 from data_synth.bench.floor import Floor, Rates, best_seconds, measured_rates
-from data_synth.bench.machine import machine
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.plot import write_fit_plot
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.sampler import sampled
 from data_synth.bench.sets import (
     LEAST_PART_OF_MARKS,
@@ -133,7 +131,7 @@ def bench_fit(
     where = {"profiles": profiles, "floors": floors, "rates": rates._asdict()}
     found = {"rows": as_tables(rows), "sets": sets, "errors": errors} | where
     if out_dir is not None:
-        write_plot(found["rows"], Path(out_dir))
+        write_fit_plot(found["rows"], Path(out_dir))
     return bench_result("fit", on, out_dir, **found)
 
 

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from data_synth.bench.floor import measured_rates
-from data_synth.bench.machine import machine
+from data_synth.bench.plot import write_render_plot
 from data_synth.bench.render.blender import blender_defocus, python_with_bpy
 from data_synth.bench.render.photographed import (
     photographed_rows,
     photographed_scenes,
     preset_of_scene,
 )
-from data_synth.bench.render.plot import write_plot
 from data_synth.bench.render.point_images import bundled_preset, point_rows
 from data_synth.bench.render.profile import render_profile
 from data_synth.bench.render.scenes import (
@@ -32,8 +31,7 @@ from data_synth.bench.render.scenes import (
     synthetic_scene,
 )
 from data_synth.bench.render.whole_processes import process_rows
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.start import start_rows
 from data_synth.bench.times import RUNS, best
 from data_synth.bench.warp import warp_row
@@ -122,7 +120,7 @@ def bench_render(
     where["rates"] = rates._asdict()
     result = bench_result("render", on, out_dir, **found, **where)
     if out_dir is not None:
-        write_plot(result, Path(out_dir))
+        write_render_plot(result, Path(out_dir))
     progress("render", 6, 6)
     return result
 

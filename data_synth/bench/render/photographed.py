@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from data_synth.bench.rows import Row
+from data_synth.bench.result import Row
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr

@@ -13,18 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from data_synth.bench.machine import machine
-from data_synth.bench.result import Machine, bench_result
-from data_synth.bench.rows import as_tables
+from data_synth.bench.plot import write_psf_plot
+from data_synth.bench.result import Machine, as_tables, bench_result, machine
 from data_synth.bench.wavefront.beside import (
     Beside,
     Seen,
     add_figures,
     images_left_out,
 )
-from data_synth.bench.wavefront.many_lenses import many_lenses_rows
-from data_synth.bench.wavefront.plot import write_plot
-from data_synth.bench.wavefront.rows import wavefront_rows
+from data_synth.bench.wavefront.rows import many_lenses_rows, wavefront_rows
 from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
@@ -180,7 +177,7 @@ def _add_beside(
             add_figures(row["beside"], beside, seen, folder)
     finally:
         if out_dir is not None:
-            write_plot(row, Path(out_dir))
+            write_psf_plot(row, Path(out_dir))
 
 
 @contextmanager

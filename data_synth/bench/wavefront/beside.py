@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, Protocol
 
 from data_synth.bench.peers.fitted import (
     SEIDEL_ONLY,
+    LensMaker,
     Peer,
     refitted,
     simple_peers,
 )
-from data_synth.bench.peers.spots import LensMaker
 from lensfit.errors import ShootError
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.effort import Effort

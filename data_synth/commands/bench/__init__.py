@@ -2,15 +2,12 @@
 
 import typer
 
-from data_synth.commands.bench.blur import blur
 from data_synth.commands.bench.coverage import coverage
-from data_synth.commands.bench.detect import detect
 from data_synth.commands.bench.every import every
 from data_synth.commands.bench.exchange import exchange
-from data_synth.commands.bench.fit import fit
-from data_synth.commands.bench.render import render
+from data_synth.commands.bench.photographs import blur, detect, fit
+from data_synth.commands.bench.rendering import render, warp
 from data_synth.commands.bench.verdict import verdict
-from data_synth.commands.bench.warp import warp
 from data_synth.commands.bench.wavefront import wavefront
 
 app = typer.Typer(no_args_is_help=True, help="Measure lensfit against bars and peers.")

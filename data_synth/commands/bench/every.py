@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from data_synth.commands.bench.options import AsJson
-from data_synth.commands.bench.outcome import show
+from data_synth.commands.bench.outcome import AsJson, show
 from lensfit.cli._terminal import progress_bars
 
 
@@ -28,7 +27,7 @@ def every(
     Example: lensfit bench all --quick --data data
     """
     from data_synth.bench.every import bench_all
-    from data_synth.commands.bench.trials import judged, trials_of
+    from data_synth.commands.bench.wavefront import judged, trials_of
 
     trials = (
         trials_of(0, ["tiny_dots"], "640x480", 0)
@@ -42,7 +41,7 @@ def every(
 
 def _oracle_in(data: Path | None) -> Path | None:
     """The folder, where it has a lens traced elsewhere."""
-    from data_synth.commands.bench.trials import ORACLE
+    from data_synth.commands.bench.wavefront import ORACLE
 
     has_it = data is not None and (data / "oracle" / ORACLE / "shoot.toml").is_file()
     return data if has_it else None

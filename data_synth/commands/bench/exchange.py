@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from data_synth.commands.bench.options import AsJson
-from data_synth.commands.bench.outcome import fail_if_any
+from data_synth.commands.bench.outcome import AsJson, fail_if_any
 from lensfit.cli._options import size_px
 from lensfit.cli._terminal import progress_bars
 from lensfit.cli.groups import takes_groups

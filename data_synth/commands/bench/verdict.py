@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from data_synth.commands.bench.options import AsJson
-from data_synth.commands.bench.outcome import fail_if_any, say_machine
+from data_synth.commands.bench.outcome import AsJson, fail_if_any, say_machine
 from data_synth.commands.prescriptions import prescription_of
 from lensfit.cli._door import one_of
 from lensfit.cli._options import (
@@ -170,8 +169,8 @@ def _without_holes(shoot_file: Path) -> None:
 
 def chief_ray_errors(preset: "Preset", folder: Path) -> "FrameErrors":
     """Of chief rays in the corners and of the image scale, by the trace."""
-    from data_synth.frame import Frame
     from data_synth.judge_depths import frame_errors
+    from data_synth.sensor import Frame
 
     camera = preset.camera
     frame = Frame(

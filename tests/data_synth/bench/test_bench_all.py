@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from data_synth.bench import every as module
 from data_synth.bench.detect import bench_detect
 from data_synth.bench.every import bench_all
-from data_synth.bench.machine import described, machine
+from data_synth.bench.result import described, machine
 from data_synth.bench.warp import _methods, warp_task
 from data_synth.bench.wavefront.rows import wavefront_rows
 from lensfit.cli.main import app

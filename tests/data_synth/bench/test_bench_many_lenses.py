@@ -2,7 +2,7 @@
 
 import math
 
-from data_synth.bench.wavefront.many_lenses import many_lenses_rows
+from data_synth.bench.wavefront.rows import many_lenses_rows
 
 GOOD = {
     "chief_ray_px": {"2000": 0.01},

@@ -8,7 +8,7 @@ from wrong_usage import told_of_wrong_usage
 
 from data_synth.bench.wavefront.benchmark import Trial, bench_wavefront
 from data_synth.bench.wavefront.beside import Beside
-from data_synth.commands.bench.trials import judged, trials_of, wavefront_table
+from data_synth.commands.bench.wavefront import judged, trials_of, wavefront_table
 from data_synth.judge import judge
 from data_synth.judge_spots import judge_spots
 from data_synth.wavefront_cases import CASES, case_subject

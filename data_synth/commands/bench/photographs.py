@@ -1,16 +1,79 @@
-"""`lensfit bench blur`: blur of real and of traced lenses, from every kind of chart."""
+"""`lensfit bench detect`, `fit`, `blur`: sets of photographs, against bars and peers.
+
+`detect` compares detected points with those of independent code, `fit` detects and fits
+sets of photographs, `blur` measures real and traced lenses from every kind of chart.
+"""
 
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from data_synth.commands.bench.options import AsJson, JsonFolder, OnlySet, SetsFolder
-from data_synth.commands.bench.outcome import fail_if_any, say_machine
+from data_synth.commands.bench.outcome import (
+    AsJson,
+    JsonFolder,
+    OnlySet,
+    SetsFolder,
+    fail_if_any,
+    print_profiles,
+    say_machine,
+    show,
+)
 from data_synth.commands.prescriptions import prescription_of
 from lensfit.cli._door import one_of
 from lensfit.cli._options import EFFORT_HELP, EFFORTS, photograph_size_px
 from lensfit.cli._terminal import console, progress_bars
+
+
+def detect(
+    data: SetsFolder,
+    out: JsonFolder = None,
+    as_json: AsJson = False,
+    only: OnlySet = None,
+) -> None:
+    """Find and number the marks of sets of photographs; counts and times.
+
+    Example: lensfit bench detect --data data --only dot_pattern_05
+    """
+    from data_synth.bench.detect import bench_detect
+
+    with progress_bars() as progress:
+        result = bench_detect(data, out, only=only, progress=progress)
+    show(result, as_json)
+
+
+def fit(
+    data: SetsFolder,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for JSON and overlays")
+    ] = None,
+    as_json: AsJson = False,
+    only: OnlySet = None,
+) -> None:
+    """Detect and fit sets of photographs; one row per bar, pass or fall short.
+
+    Falling short is no error; a photograph that cannot be used is, and the exit code
+    is then 1.
+
+    Example: lensfit bench fit --data data --only dot_pattern_05
+    """
+    from data_synth.bench.fit.benchmark import bench_fit
+
+    with progress_bars() as progress:
+        result = bench_fit(data, out, only=only, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(result))
+    else:
+        from data_synth.commands.bench.tables import bars_table, counts_table
+
+        say_machine(result)
+        screen = console()
+        screen.print(bars_table(result["rows"]))
+        screen.print()
+        screen.print(counts_table(result["sets"]))
+        print_profiles(result)
+    fail_if_any(result["errors"])
 
 
 def blur(
@@ -51,7 +114,7 @@ def blur(
     """
     from data_synth.bench.blur import bench_blur
     from data_synth.bench.blur_by_chart import CHARTS, LENSES, bench_blur_by_chart
-    from data_synth.commands.bench.trials import judged
+    from data_synth.commands.bench.wavefront import judged
     from lensfit.fitting.wavefront.effort import Effort
 
     chosen = charts or ["all"]

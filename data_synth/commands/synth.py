@@ -1,18 +1,23 @@
-"""`lensfit synth charts`: photographs of charts by ray tracing, with their truth."""
+"""`lensfit synth`: photographs by an exact ray tracer, with their truth.
+
+`charts` photographs charts, `scene` a CG scene.
+"""
 
 import json
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from data_synth.commands.prescriptions import settable_prescription
 from lensfit.cli._door import one_of
 from lensfit.cli._options import photograph_size_px
 
 if TYPE_CHECKING:
-    from data_synth.frame import Frame
     from data_synth.prescription import Prescription
+    from data_synth.sensor import Frame
 
 KINDS = ("dot-grid", "line-grid", "checkerboard")
 FORMATS = ("exr", "png16", "png", "jpg")
@@ -82,7 +87,7 @@ def charts(
         form=picture,  # pyright: ignore[reportArgumentType]
     )
     camera = Camera(frame, Sensor(bayer=bayer))
-    write_shoot(out, prescription, camera, shots, seed=seed, progress=_say_on_terminal)
+    write_shoot(out, prescription, camera, shots, seed=seed, progress=_say_photographed)
     _say_written(out, [shot.name for shot in shots], as_json)
 
 
@@ -109,7 +114,7 @@ def _write_wavefront(
         WavefrontPlan(form=picture),  # pyright: ignore[reportArgumentType]
         Sensor(bayer=bayer),
     )
-    subject.write(out, seed=seed, progress=_say_on_terminal)
+    subject.write(out, seed=seed, progress=_say_photographed)
     return [shot.name for shot in subject.shots()]
 
 
@@ -118,11 +123,8 @@ def _say_written(out: Path, takes: list[str], as_json: bool) -> None:
     typer.echo(json.dumps(written) if as_json else written["shoot"])
 
 
-def _say_on_terminal(name: str) -> None:
-    import sys
-
-    if sys.stderr.isatty():
-        typer.echo(f"photographing {name}", err=True)
+def _say_photographed(name: str) -> None:
+    _say_on_terminal(f"photographing {name}")
 
 
 def _print_lenses(as_json: bool) -> None:
@@ -157,3 +159,82 @@ def _frame(size: str, prescription: "Prescription") -> "Frame":
     from data_synth.wavefront_cases import frame_for
 
     return frame_for(prescription, photograph_size_px(size))
+
+
+def scene(
+    lens: Annotated[
+        str, typer.Option("--lens", help="A bundled lens, or a prescription file")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder to write to")] = Path("scene"),
+    size: Annotated[str, typer.Option(help="Pixels, WIDTHxHEIGHT")] = "960x540",
+    f_number: Annotated[
+        float | None, typer.Option(help="The lens' widest by default")
+    ] = None,
+    focus_distance_mm: Annotated[
+        float | None,
+        typer.Option(help="From the sensor; 24 focal lengths by default"),
+    ] = None,
+    focal_length_mm: Annotated[
+        float | None, typer.Option(help="Nearest published state of a zoom")
+    ] = None,
+    rays: Annotated[
+        int,
+        typer.Option(min=1, max=4096, help="Per pixel and channel, about"),
+    ] = 96,
+    seed: Annotated[int, typer.Option(min=0, help="Of the scene and the rays")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Draw a random CG scene and photograph it through a published lens.
+
+    Writes the photograph (photo_reference.exr), the pinhole plates that belong to it
+    (cg_flat.exr with Z, cg_layerNN.exr, cg_deep.exr), and scene.json.
+
+    Example: lensfit synth scene --lens biotar_50 --f-number 2 --seed 3 --out scene
+    """
+    from data_synth.scene.folder import SCENE_FILE, drawn_sitting, write_scene
+    from data_synth.scene.sampling import sampling_of
+    from data_synth.wavefront_cases import frame_for
+
+    prescription = settable_prescription(
+        "--lens", lens, f_number, "--focus-distance-mm", focus_distance_mm
+    )
+    state = prescription.state_nearest(focal_length_mm)
+    sitting = drawn_sitting(
+        prescription,
+        frame_for(prescription, photograph_size_px(size)),
+        focus_distance_mm=focus_distance_mm or 24 * state.focal_length_mm,
+        f_number=f_number,
+        focal_length_mm=focal_length_mm,
+        seed=seed,
+    )
+    write_scene(out, sitting, sampling_of(rays), seed=seed, progress=_say_on_terminal)
+    written = str(out / SCENE_FILE)
+    typer.echo(json.dumps({"scene": written}) if as_json else written)
+
+
+def _say_on_terminal(what: str) -> None:
+    if sys.stderr.isatty():
+        typer.echo(what, err=True)
+
+
+class _ChartsUnlessNamed(TyperGroup):
+    """`lensfit synth LENS` photographs charts, as `lensfit synth charts LENS` does."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the command's name before the name of a lens or an option."""
+        if not args or args[0] not in {*self.commands, *ctx.help_option_names}:
+            args = ["charts", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_ChartsUnlessNamed,
+    help="""Photograph charts or a scene through a published lens, by exact ray tracing.
+
+    `lensfit synth LENS` photographs charts; see `lensfit synth charts --help`.
+
+    Example: lensfit synth nikkor_28 --out shoot --size 1280x960 --f-number 5.6
+    """,
+)
+app.command()(charts)
+app.command()(scene)

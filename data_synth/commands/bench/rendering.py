@@ -1,4 +1,7 @@
-"""`lensfit bench render`: error against time of the renderer, beside peers."""
+"""`lensfit bench render`, `warp`: error against time of the renderer, beside peers.
+
+`warp` compares one warp with what a user would pick instead.
+"""
 
 import json
 from pathlib import Path
@@ -6,8 +9,13 @@ from typing import Annotated
 
 import typer
 
-from data_synth.commands.bench.options import AsJson, JsonFolder, SmallFrames
-from data_synth.commands.bench.outcome import print_bars_and_curves, say_machine
+from data_synth.commands.bench.outcome import (
+    AsJson,
+    JsonFolder,
+    SmallFrames,
+    print_bars_and_curves,
+    say_machine,
+)
 from lensfit.cli._terminal import console, progress_bars
 
 
@@ -57,3 +65,23 @@ def render(
     print_bars_and_curves(result)
     for note in result["notes"]:
         console().print(note, markup=False)
+
+
+def warp(
+    out: JsonFolder = None,
+    quick: SmallFrames = False,
+    as_json: AsJson = False,
+) -> None:
+    """Warp a frame by lensfit, OpenCV, scikit-image, SciPy and OpenImageIO.
+
+    Example: lensfit bench warp --quick
+    """
+    from data_synth.bench.warp import bench_warp
+
+    with progress_bars() as progress:
+        result = bench_warp(out, quick=quick, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    say_machine(result)
+    print_bars_and_curves(result)
