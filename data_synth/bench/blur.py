@@ -177,7 +177,7 @@ def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:
     takes = [o.take for o in observed if o.take is not None]
     fitted = fit(takes, effort=effort)
     if not fitted.wavefronts:
-        why = "; ".join(fitted.unmeasured_blur.values()) or "its marks are no dots"
+        why = "; ".join(fitted.unmeasured_blur.values()) or "its chart has no dots"
         raise LensfitError(f"no blur was measured: {why}")
     return next(iter(fitted.wavefronts.values()))
 

@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.sets import (
-    LEAST_PART_OF_MARKS,
+    LEAST_PART_OF_DETECTIONS,
     BenchSet,
     chosen_sets,
     shoot_of,
@@ -43,10 +43,10 @@ class Agreement(NamedTuple):
 
     Attributes
     ----------
-    recall : Share of the other's points that have a mark within a pixel.
+    recall : Share of the other's points that have a detection within a pixel.
     apart_px : Median distance of those.
-    misnumbered : Marks of them whose place contradicts the rest.
-    more : Marks that the other lacks.
+    misnumbered : Detections of them whose place contradicts the rest.
+    more : Detections that the other lacks.
     """
 
     recall: float
@@ -74,16 +74,16 @@ def agreement(found: Observations, path: Path) -> Agreement | None:
 
 
 def misnumbered(
-    mine: Int[np.ndarray, "marks 2"], other: Int[np.ndarray, "marks 2"]
+    mine: Int[np.ndarray, "detections 2"], other: Int[np.ndarray, "detections 2"]
 ) -> int:
-    """Marks whose places differ under the symmetry that most agree with."""
+    """Detections whose places differ under the symmetry that most agree with."""
     if not len(mine):
         return 0
     return min(_contradictions(mine @ turn, other) for turn in _symmetries())
 
 
 def _contradictions(
-    turned: Float[np.ndarray, "marks 2"], other: Int[np.ndarray, "marks 2"]
+    turned: Float[np.ndarray, "detections 2"], other: Int[np.ndarray, "detections 2"]
 ) -> int:
     shift = np.rint(other - turned).astype(int)
     _, counts = np.unique(shift, axis=0, return_counts=True)
@@ -104,12 +104,12 @@ def bench_detect(
     only: str | Sequence[str] | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Find and number the marks of every set, or of one or several.
+    """Detect and number the points of every set, or of one or several.
 
     Returns
     -------
-    "rows" (marks against what independent code found; seconds), "errors", "machine".
-    Where the data folder has the points that other code found (points/), marks are
+    "rows" (counts against those of independent code; seconds), "errors", "machine".
+    Where the data folder has the points that other code found (points/), detections are
     compared with them one by one.
 
     Raises
@@ -131,16 +131,17 @@ def bench_detect(
 def _rows(one: BenchSet, shoot: Shoot, data: Path) -> list[Row]:
     found, times = timed(lambda: observe_shoot(shoot, None, silent))
     takes = [o.take for o in found if o.take is not None]
-    marks = float(sum(len(take.observations) for take in takes))
+    count = float(sum(len(take.observations) for take in takes))
     blobs, of_blobs = timed(lambda: _blobs(shoot), 1)
     least = None
-    if one.marks is not None:
-        least = float(np.ceil(LEAST_PART_OF_MARKS * one.marks))
+    if one.detections is not None:
+        least = float(np.ceil(LEAST_PART_OF_DETECTIONS * one.detections))
     peers = {"OpenCV blobs, not numbered": float(blobs)}
     seconds = times.as_peers() | {"OpenCV blobs, s": of_blobs.first_s}
     what = "reading, finding, numbering, s"
+    numbered = "points found and numbered"
     return [
-        Row(one.name, "marks found and numbered", marks, least, one.marks, peers, True),
+        Row(one.name, numbered, count, least, one.detections, peers, True),
         *_against_points(one, [take.observations for take in takes], data),
         Row(one.name, what, times.steady_s, one.detect_bar_s, peers=seconds),
     ]
@@ -154,13 +155,13 @@ def _against_points(one: BenchSet, found: list[Observations], data: Path) -> lis
     agreed = agreement(found[0], path)
     if agreed is None:
         return []
-    least = LEAST_PART_OF_MARKS
-    peers = {"apart, px": agreed.apart_px, "marks it lacks": float(agreed.more)}
+    least = LEAST_PART_OF_DETECTIONS
+    peers = {"apart, px": agreed.apart_px, "points it lacks": float(agreed.more)}
     wrong = float(agreed.misnumbered)
     return [
-        Row(one.name, "recall of the other code's marks", agreed.recall, least,
+        Row(one.name, "recall of the other code's points", agreed.recall, least,
             peers=peers, least=True),
-        Row(one.name, "marks numbered otherwise", wrong, 0.0),
+        Row(one.name, "points numbered otherwise", wrong, 0.0),
     ]  # fmt: skip
 
 

@@ -43,7 +43,7 @@ from lensfit.preset.adjusted_aberration import adjusted_aberration
 from lensfit.preset.adjusted_pupil import blur_with_adjusted_pupil, with_adjusted_rims
 from lensfit.preset.adjusted_vignetting import adjusted_illumination
 from lensfit.preset.knob_groups import (
-    BLUR_FAMILIES,
+    BLUR_TERM_GROUPS,
     LEAST_BLADES,
     AberrationKnobs,
     BokehKnobs,
@@ -283,7 +283,7 @@ def _needs_blur(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> b
     if lens.f_number is None or lens.focus_distance_mm is None:
         return False
     return (
-        any(getattr(aberration, f"{name}_um") for name in BLUR_FAMILIES)
+        any(getattr(aberration, f"{name}_um") for name in BLUR_TERM_GROUPS)
         or (bokeh.blades or 0) >= LEAST_BLADES
         or bokeh.ring_brightness != 0
         or bokeh.squeeze != 1

@@ -28,7 +28,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-BLUR_FAMILIES = (
+BLUR_TERM_GROUPS = (
     "axial_colour",
     "field_curvature",
     "astigmatism_sagittal",

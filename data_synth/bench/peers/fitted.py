@@ -73,7 +73,7 @@ def refitted(
     effort: Effort = Effort.NORMAL,
     seidel_only: bool = False,
 ) -> Peer:
-    """lensfit fitted again to marks that were found before.
+    """lensfit fitted again to points that were detected before.
 
     Parameters
     ----------

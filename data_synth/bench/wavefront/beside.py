@@ -1,7 +1,7 @@
 """Beside the calibration of a traced lens: its peers, takes left out, efforts.
 
-All of it is fitted to the marks of the same photographs, found once, and judged by the
-same truth at the same settings.
+All of it is fitted to the same detections, and judged by the same truth at the same
+settings.
 """
 
 from dataclasses import dataclass

@@ -32,7 +32,7 @@ def detect(
     as_json: AsJson = False,
     only: OnlySet = None,
 ) -> None:
-    """Find and number the marks of sets of photographs; counts and times.
+    """Detect and number the points of sets of photographs; counts and times.
 
     Example: lensfit bench detect --data data --only dot_pattern_05
     """
@@ -103,8 +103,8 @@ def blur(
 ) -> None:
     """Measure blur with every kind of chart, real photographs first, then traced ones.
 
-    Of real photographs marks that the fit did not see are predicted, beside Gaussians
-    that were fitted to other marks, and the noise of the pixels. Traced lenses are
+    Of real photographs dots that the fit did not see are predicted, beside Gaussians
+    that were fitted to other dots, and the noise of the pixels. Traced lenses are
     judged by their truth. Falling short is no error; a set without blur is, and the
     exit code is then 1.
 

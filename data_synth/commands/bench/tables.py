@@ -28,7 +28,7 @@ def bars_table(rows: list[dict[str, Any]]) -> Table:
 
 
 def counts_table(sets: list[dict[str, Any]]) -> Table:
-    """One row for each set of photographs: marks, residuals, seconds."""
+    """One row for each set of photographs: detections, residuals, seconds."""
     columns = {
         "photographs": "photographs",
         "candidates": "candidates",

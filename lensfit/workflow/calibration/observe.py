@@ -64,7 +64,7 @@ class Observed:
     image : Path as the shoot file has it.
     take : For the fit; None if the photograph could not be used.
     failed : Why not.
-    overlay : Picture of the marks.
+    overlay : Picture of the detections.
     small : The photograph itself, reduced; None if nothing is drawn.
     notes : What its photographer should know.
     sha256 : Hash of the photograph; empty if it could not be read.
@@ -99,7 +99,7 @@ class Observed:
 def observe_shoot(
     shoot: Shoot, out_dir: Path | None, progress: Progress
 ) -> list[Observed]:
-    """Read every photograph of a shoot, find its marks, and draw them.
+    """Read every photograph of a shoot, detect its points, and draw them.
 
     Nothing is drawn if `out_dir` is None.
     """
@@ -226,15 +226,15 @@ def _searched(
     target = resolved.target
     with _timed(seconds, "detect"):
         known["mosaic_seen"] = mosaic_seen(photograph)
-        marks = detections_of(photograph, target, take.roi)
+        detections = detections_of(photograph, target, take.roi)
     if overlay is not None:
         with _timed(seconds, "overlay"):
-            draw_overlay(photograph, marks, overlay)
+            draw_overlay(photograph, detections, overlay)
             known["overlay"] = overlay
             known["small"] = small_of(photograph)
     return {
-        "take": _take_for_fit(take, resolved, marks, photograph),
-        "notes": resolved.notes + _of_mosaic(shoot, photograph) + marks.notes,
+        "take": _take_for_fit(take, resolved, detections, photograph),
+        "notes": resolved.notes + _of_mosaic(shoot, photograph) + detections.notes,
     }
 
 
@@ -298,14 +298,14 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
 def _take_for_fit(
     take: ShootTake,
     resolved: ResolvedTake,
-    marks: Observations,
+    detections: Observations,
     photograph: Photograph,
 ) -> View:
-    dot_images = cut_dot_images(photograph, marks)
+    dot_images = cut_dot_images(photograph, detections)
     return View(
         name=take.image,
         target=resolved.target.name,
-        observations=marks,
+        observations=detections,
         pitch_mm=resolved.target.pitch_xy_mm,
         mark_diameter_mm=resolved.target.hole_diameter_mm
         or resolved.target.line_width_mm,
@@ -316,7 +316,7 @@ def _take_for_fit(
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
         dot_images=dot_images,
-        rims=cut_rims(photograph, marks, dot_images),
+        rims=cut_rims(photograph, detections, dot_images),
     )
 
 

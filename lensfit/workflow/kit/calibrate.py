@@ -105,13 +105,13 @@ def _job(kit: Kit, folder: str, out: Path, effort: str, again: bool) -> Job | No
     """What is left to do of a lens; None of one that is done, or cannot begin."""
     results = out / folder
     try:
-        mark = fingerprint(lens_shoot(kit, folder).shoot(), effort)
+        made_of = fingerprint(lens_shoot(kit, folder).shoot(), effort)
     except LensfitError as error:
         write_record(results, "", str(error), None)
         return None
-    if not again and is_done(results, mark):
+    if not again and is_done(results, made_of):
         return None
-    return kit.path, folder, results, mark, effort
+    return kit.path, folder, results, made_of, effort
 
 
 def _outcomes(waiting: list[Job], count: int) -> Iterator[str | None]:

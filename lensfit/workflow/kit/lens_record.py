@@ -41,7 +41,7 @@ def fingerprint(shoot: Shoot, effort: str) -> str:
 
 
 def write_record(
-    folder: Path, mark: str, failed: str | None, facts: dict[str, Any] | None
+    folder: Path, made_of: str, failed: str | None, facts: dict[str, Any] | None
 ) -> None:
     """Keep what became of a lens.
 
@@ -50,7 +50,12 @@ def write_record(
     OutputError : The folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    record = {"schema": _SCHEMA, "fingerprint": mark, "failed": failed, "facts": facts}
+    record = {
+        "schema": _SCHEMA,
+        "fingerprint": made_of,
+        "failed": failed,
+        "facts": facts,
+    }
     write_text_atomic(folder / RECORD, json.dumps(record, indent=1))
 
 
@@ -63,10 +68,10 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         return None
 
 
-def is_done(folder: Path, mark: str) -> bool:
+def is_done(folder: Path, made_of: str) -> bool:
     """Whether the results of this very shoot are there."""
     record = read_record(folder)
-    if record is None or record["fingerprint"] != mark or record["failed"]:
+    if record is None or record["fingerprint"] != made_of or record["failed"]:
         return False
     return all((folder / name).is_file() for name in (PRESET, REPORT))
 

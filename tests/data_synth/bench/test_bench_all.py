@@ -113,5 +113,5 @@ def test_a_folder_without_photographs_is_one_line(command, tmp_path, monkeypatch
 def test_dots_of_a_real_photograph_are_counted_beside_blobs(data_dir):
     found = bench_detect(data_dir, only="dot_pattern_05")
     rows = {row["what"]: row for row in found["rows"]}
-    assert rows["marks found and numbered"]["passed"]
+    assert rows["points found and numbered"]["passed"]
     assert rows["reading, finding, numbering, s"]["value"] > 0
