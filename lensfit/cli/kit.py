@@ -261,8 +261,7 @@ def submit(
     Example: lensfit kit submit kit.toml --out results
     """
     from lensfit.atomic import write_text_atomic
-    from lensfit.workflow.kit.calibrate import chosen_lenses
-    from lensfit.workflow.kit.farm import kit_template
+    from lensfit.workflow.kit.calibrate import chosen_lenses, kit_template
     from lensfit.workflow.kit.kit_file import load_kit
 
     described = load_kit(kit)

@@ -29,8 +29,13 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import ForeignLens, Points, StatedValues, lens_of_camera
-from lensfit.exchange.inverse import inverse_points
+from lensfit.exchange.foreign import (
+    ForeignLens,
+    Points,
+    StatedValues,
+    inverse_points,
+    lens_of_camera,
+)
 from lensfit.exchange.text_file import (
     Element,
     finite_number,

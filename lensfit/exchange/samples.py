@@ -19,8 +19,7 @@ from scipy.optimize import least_squares
 from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px, px_from_mm
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import PointMap, Points
-from lensfit.exchange.inverse import is_folded
+from lensfit.exchange.foreign import PointMap, Points, is_folded
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens

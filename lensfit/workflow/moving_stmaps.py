@@ -32,7 +32,7 @@ from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
-from lensfit.plate.header import plate_header
+from lensfit.plate.plate_file import plate_header
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.render_stages import lateral_colour_px

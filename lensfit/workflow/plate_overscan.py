@@ -15,9 +15,9 @@ from lensfit.plate.camera.sources import StateOverrides
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.tight_window import known_window
-from lensfit.plate.header import plate_header
 from lensfit.plate.notes import topic_of
 from lensfit.plate.pixel_shape import SQUARE
+from lensfit.plate.plate_file import plate_header
 from lensfit.preset.schema import Preset
 from lensfit.rendering.overscan import Margins
 from lensfit.rendering.render_stages import Switches

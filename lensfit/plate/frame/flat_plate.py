@@ -20,7 +20,6 @@ from lensfit.io.depth_channel import find_depth
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_layers import with_channels
 from lensfit.plate.camera.plate_state import PlateState
-from lensfit.plate.channels import ColourLayer, colour_layers, resized_channels
 from lensfit.plate.cut_out import CutOut
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import layer_depth_notes, number_note
@@ -31,6 +30,7 @@ from lensfit.plate.frame.tight_window import (
     known_window,
 )
 from lensfit.plate.plate_depth import plate_depth
+from lensfit.plate.plate_file import ColourLayer, colour_layers, resized_channels
 from lensfit.plate.plate_mattes import matte_cut_out, named_cut_out, plate_mattes
 from lensfit.preset.scaled_look import UNSCALED
 from lensfit.rendering.buffers import aligned_empty, crop

@@ -39,10 +39,10 @@ from lensfit.plate.frame.provenance import (
 )
 from lensfit.plate.frame.restated_camera import AppliedCamera, restated
 from lensfit.plate.frame.tight_window import lit_window, reached_window
-from lensfit.plate.header import header_entries, plate_header
 from lensfit.plate.notes import FrameNote, Notes
 from lensfit.plate.pixel_shape import pixel_shape
 from lensfit.plate.plate_depth import depth_doubt
+from lensfit.plate.plate_file import header_entries, plate_header
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset

@@ -63,7 +63,7 @@ def _facts(kit_file: Path, folder: str, out: Path, effort: str) -> dict[str, Any
     from lensfit.preset.store import load_preset
     from lensfit.workflow.calibrate import calibrate
     from lensfit.workflow.calibration.results_folder import PRESET
-    from lensfit.workflow.kit.lens_facts import blur_widths, lens_facts
+    from lensfit.workflow.kit.lens_record import blur_widths, lens_facts
     from lensfit.workflow.kit.lens_shoot import lens_shoot
 
     kit = load_kit(kit_file)

@@ -27,8 +27,7 @@ from jaxtyping import Bool, Float, Float32
 from lensfit.detect.observations import POINT, Observations
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph
 from lensfit.workflow.pictures.chart_shapes import discs, lines, squares
-from lensfit.workflow.pictures.dot_light import drawn_light
-from lensfit.workflow.pictures.predicted_points import PredictedPoints
+from lensfit.workflow.pictures.predicted_points import PredictedPoints, drawn_light
 
 _LARGE_PX = 3000
 _PROFILE_PX, _PROFILE_STEPS, _PROFILES = 12.0, 49, 400

@@ -27,7 +27,7 @@ from lensfit.errors import LensfitError, SettingsError
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.transfer import encode
 from lensfit.plate.camera.settings import file_stamp
-from lensfit.plate.channels import ColourLayer, colour_layers
+from lensfit.plate.plate_file import ColourLayer, colour_layers
 
 ENVIRONMENT = "$OCIO"
 SCENE_LINEAR = "scene_linear"

@@ -1,20 +1,37 @@
-"""The colour channels of a plate, and the other channels over another window.
+"""The file of a plate: its header, its colour channels, the others over a new window.
 
 A layer is colour when it has red, green and blue, or the grey channel Y. Cryptomatte
 is not, although its channels are called r, g, b and a: its values are ids and
 coverages of ranks (Cryptomatte specification 1.2.0).
+
+A deep plate's header is read as if it were flat.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from lensfit.coords import Window, pixels_over_window
-from lensfit.io.exr import ExrPart
+from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_deep import is_deep, read_deep
 from lensfit.io.exr_layers import colour_channels, layer_names
+
+
+def plate_header(path: Path) -> ExrImage:
+    """A plate without its pixels; a deep one as if it were flat."""
+    if is_deep(path):
+        return ExrImage((read_deep(path).flat,))
+    return read_exr(path, header_only=True)
+
+
+def header_entries(image: ExrImage) -> dict[str, object]:
+    """The attributes of all parts; where two differ the first part's count."""
+    return {k: v for p in reversed(image.parts) for k, v in p.attributes.items()}
+
 
 _CRYPTOMATTE_NAME = re.compile(r"(?:.*/)?cryptomatte/[^/]+/name")
 _ALPHA = ("A", "a", "alpha")
