@@ -127,6 +127,10 @@ class RequestQueue:
         """The result of a job, unless a newer one took its place in the lane."""
         return await asyncio.wrap_future(self._lane(lane).ask(job))
 
+    async def in_lane(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
+        """As `newest`, or as `done`."""
+        return await (self.newest(lane, job) if newest else self.done(job))
+
     def begin(self, lane: str, job: Callable[[], Any]) -> None:
         """A background job, before those of the lane."""
         self._lane(lane).ask(job)

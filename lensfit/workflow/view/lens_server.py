@@ -149,9 +149,7 @@ class LensServer:
                     return viewed.figures(wanted)
                 return getattr(viewed, name)(wanted, self._least_mm(name, wanted))
 
-            if wanted.newest:
-                lane = f"{name} {wanted.lens}"
-                return JSONResponse(await self._in_turn.newest(lane, found))
-            return JSONResponse(await self._in_turn.done(found))
+            lane = f"{name} {wanted.lens}"
+            return JSONResponse(await self._in_turn.in_lane(wanted.newest, lane, found))
 
         return answer
