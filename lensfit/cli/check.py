@@ -62,7 +62,7 @@ def _paths(
     """Those given, else those of the plan; then those that arrive, until Ctrl-C."""
     yield from images
     if watch is not None:
-        from lensfit.workflow.check.watched_folder import new_photographs
+        from lensfit.workflow.check.photographs import new_photographs
 
         yield from new_photographs(watch)
     elif not images and session.shoot is not None:

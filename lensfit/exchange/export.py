@@ -19,7 +19,7 @@ from lensfit.exchange.syntheyes import export_syntheyes
 from lensfit.exchange.tde4_node import TDE4_FORMATS, export_tde4
 from lensfit.exchange.unreal import export_unreal
 from lensfit.exchange.usd_camera import export_usd
-from lensfit.preset.spanned_width import unscaled_error
+from lensfit.preset.scaled_look import unscaled_error
 
 WRITERS: dict[str, Callable[[ExportRequest], Exported]] = {
     **{name: partial(export_tde4, model) for name, model in TDE4_FORMATS.items()},

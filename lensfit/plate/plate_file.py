@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.coords import Window, pixels_over_window
-from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr import ExrImage, ExrPart, colour_channels, layer_names, read_exr
 from lensfit.io.exr_deep import is_deep, read_deep
-from lensfit.io.exr_layers import colour_channels, layer_names
 
 
 def plate_header(path: Path) -> ExrImage:

@@ -31,7 +31,7 @@ from lensfit.preset.interpolated_entry import (
     interpolated_in_focal_length,
     interpolated_in_focus,
 )
-from lensfit.preset.spanned_width import SCALING_REMEDY
+from lensfit.preset.scaled_look import SCALING_REMEDY
 from lensfit.units import dioptres_from_mm
 
 if TYPE_CHECKING:

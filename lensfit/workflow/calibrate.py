@@ -29,9 +29,9 @@ from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent, stopwatch
 from lensfit.report.pictures import write_dot_pictures
-from lensfit.report.read_report import SCHEMA as REPORT_SCHEMA
+from lensfit.report.report_file import SCHEMA as REPORT_SCHEMA
+from lensfit.report.report_file import write_report
 from lensfit.report.verdict import verdict_of
-from lensfit.report.write_report import write_report
 from lensfit.workflow.calibration.entries import (
     camera_of,
     entry_of,

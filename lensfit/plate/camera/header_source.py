@@ -15,8 +15,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrPart
-from lensfit.io.header_sensor import RECORDED, WHOLE_SENSOR, whole_sensor_mm
-from lensfit.io.metadata import HeaderWord, camera_words
+from lensfit.io.metadata import (
+    RECORDED,
+    WHOLE_SENSOR,
+    HeaderWord,
+    camera_words,
+    whole_sensor_mm,
+)
 from lensfit.plate.camera.plate_camera import (
     SPELT,
     BadEntry,

@@ -35,10 +35,14 @@ from lensfit.plate.camera.plate_camera import (
 )
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, Knobs, misspelt_knob_notes
-from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
+from lensfit.preset.scaled_look import (
+    UNSCALED,
+    ScaledLook,
+    scaled_look,
+    spanned_width_note,
+)
 from lensfit.preset.schema import Preset
 from lensfit.preset.select_entry import ring_focal_length_mm
-from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
 from lensfit.rendering.uv import SpannedWidth
 

@@ -17,8 +17,7 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.depth_channel import find_depth
-from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.exr_layers import with_channels
+from lensfit.io.exr import ExrImage, ExrPart, with_channels
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.cut_out import CutOut
 from lensfit.plate.frame.plate_lens import PlateLens

@@ -45,8 +45,8 @@ from lensfit.plate.plate_depth import depth_doubt
 from lensfit.plate.plate_file import header_entries, plate_header
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
+from lensfit.preset.scaled_look import unscaled_error
 from lensfit.preset.schema import Preset
-from lensfit.preset.spanned_width import unscaled_error
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads, look_of

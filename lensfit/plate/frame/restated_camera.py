@@ -18,8 +18,7 @@ from lensfit.io.camera.header_entries import (
     entry_quantity,
     is_entry_of_alias,
 )
-from lensfit.io.header_sensor import RECORDED, recorded_size
-from lensfit.io.metadata import camera_words
+from lensfit.io.metadata import RECORDED, camera_words, recorded_size
 from lensfit.plate.camera.header_source import ROUNDING
 
 _SAME = 1e-4

@@ -22,8 +22,7 @@ from jaxtyping import Float32, Int
 from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.errors import ImageError
-from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.exr_layers import with_channels
+from lensfit.io.exr import ExrImage, ExrPart, with_channels
 from lensfit.lens import Lens
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.frame.flat_plate import layers_to_render, stacked_channels

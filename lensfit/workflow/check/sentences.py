@@ -15,7 +15,7 @@ from lensfit.workflow.check.check_records import (
 )
 from lensfit.workflow.check.figures import CORNERS
 from lensfit.workflow.check.motion import Motion
-from lensfit.workflow.check.planned_views import PlannedView
+from lensfit.workflow.check.photographs import PlannedView
 
 _LITTLE_COVERED = 0.5
 _DIM_STOPS = 4.0

@@ -33,7 +33,7 @@ from lensfit.workflow.check.figures import (
 )
 from lensfit.workflow.check.focus_side import View, blurrier_in_focus, focus_side
 from lensfit.workflow.check.motion import motion_of
-from lensfit.workflow.check.planned_views import (
+from lensfit.workflow.check.photographs import (
     PlannedView,
     planned_views,
     view_of_photograph,

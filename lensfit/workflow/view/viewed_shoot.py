@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, final
 
 from lensfit.errors import LensfitError, ShootError, sentence_of
 from lensfit.workflow.check.check_records import Check
+from lensfit.workflow.check.photographs import new_photographs
 from lensfit.workflow.check.sentences import plan_sentence, sentences
 from lensfit.workflow.check.session import CheckSession
-from lensfit.workflow.check.watched_folder import new_photographs
 from lensfit.workflow.inspect import inspect_images
 from lensfit.workflow.shoot.draft import drafted_take, write_draft_shoot
 from lensfit.workflow.shoot.shoot_records import Shoot

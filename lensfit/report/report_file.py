@@ -1,19 +1,57 @@
-"""Write ``report.html`` beside the ``report.json`` that a calibration made.
+"""The report of a folder of results: its JSON, read without trust, and its page.
 
-The report dictionary (schema ``lensfit.report.2``) is all that is read, with the
+The page is made of the report dictionary (schema ``lensfit.report.2``) alone, with the
 pictures that it names relative to the folder of results and, for the point-spread
 functions, the preset there. A missing picture is reported as missing; nothing else in
 the page can fail to load, as nothing is outside the file.
+
+Reports of older schemas are read too.
 """
 
 from pathlib import Path
+from typing import Any
 
+from lensfit._strict import read_json_object
 from lensfit.atomic import write_text_atomic
+from lensfit.errors import LensfitError
+from lensfit.preset.upgrade import renamed, with_pupil_shift
 from lensfit.report.kernels import kernel_sheets
 from lensfit.report.pictures import data_addresses, jpeg_address
 from lensfit.report.report_page import page
 from lensfit.report.through import through_sheets
 from lensfit.report.wipe import MODEL_PICTURES
+
+SCHEMA = "lensfit.report.2"
+_KEYS_OF_1 = {"guessed": "extrapolated"}
+_TEXTS_OF_1 = {
+    "usual_pupil_walk": "usual_pupil_shift",
+    "pupil_walk_at_other_focus": "pupil_shift_at_other_focus",
+}
+
+
+def read_report(path: Path) -> dict[str, Any]:
+    """The tables of a report.
+
+    Raises
+    ------
+    LensfitError : There is none, or it is something else.
+    """
+    tables = read_json_object(
+        path,
+        error=LensfitError,
+        source='give the folder that "lensfit calibrate" wrote',
+        mend="calibrate again",
+    )
+    if not str(tables.get("schema")).startswith("lensfit.report."):
+        raise LensfitError(
+            "is JSON but no report of lensfit",
+            where=path,
+            remedy='give the report.json that "lensfit calibrate" wrote',
+        )
+    if tables["schema"] == "lensfit.report.1":
+        words = renamed(with_pupil_shift(tables), _KEYS_OF_1, _TEXTS_OF_1)
+        return words | {"schema": SCHEMA}
+    return tables
 
 
 def write_report(report: dict, out_dir: Path) -> Path:

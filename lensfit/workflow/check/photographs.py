@@ -1,19 +1,85 @@
-"""Match photographs to the views of a plan, and list which views are done.
+"""The photographs of a folder: new ones, and the views of a plan that they are.
 
 The plan is a shoot file: each `[[take]]` is a view, named by its image. A photograph is
 the view of its own name; else, as cameras number their files themselves, the first view
 still missing whose lens settings are those of the photograph's header.
+
+A folder is watched for new photographs of a tethered camera.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, final
 
+from lensfit.errors import ImageError
 from lensfit.io.metadata import CameraState
+from lensfit.io.raw import RAW_SUFFIXES
 from lensfit.units import dioptres_from_mm
 from lensfit.workflow.check.check_records import Level
 from lensfit.workflow.shoot.shoot_records import Shoot, Take
+
+SUFFIXES = frozenset((".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg")) | RAW_SUFFIXES
+POLL_S = 0.3
+
+
+def new_photographs(
+    folder: Path, go_on: Callable[[], bool] = lambda: True, poll_s: float = POLL_S
+) -> Iterator[Path]:
+    """Photographs of a folder in the order of their arrival, those there first.
+
+    A file is handed on once its size has stayed the same from one look to the next: a
+    camera writes for a while. A file that is written again is handed on again.
+
+    Parameters
+    ----------
+    go_on : Asked before every look; the iteration ends where it is False.
+    poll_s : Seconds between looks.
+
+    Raises
+    ------
+    ImageError : The folder is none, or vanishes.
+    """
+    before: dict[Path, tuple[int, int]] = {}
+    handed_on: dict[Path, tuple[int, int]] = {}
+    while go_on():
+        now = _states(folder)
+        ready = [
+            path
+            for path, state in now.items()
+            if before.get(path) == state and handed_on.get(path) != state and state[0]
+        ]
+        for path in sorted(ready, key=lambda one: (now[one][1], one.name)):
+            handed_on[path] = now[path]
+            yield path
+        before = now
+        time.sleep(poll_s)
+
+
+def _states(folder: Path) -> dict[Path, tuple[int, int]]:
+    """Size and time of change of every photograph."""
+    try:
+        found = [
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+        ]
+    except OSError as error:
+        raise ImageError(
+            f"cannot be listed ({error.strerror or error})",
+            where=folder,
+            remedy="give --watch the folder into which the camera's files arrive",
+        ) from error
+    states = {}
+    for path in found:
+        try:
+            status = path.stat()
+        except OSError:
+            continue  # gone between the two looks
+        states[path] = status.st_size, status.st_mtime_ns
+    return states
+
 
 ViewState = Literal["done", "again", "missing"]
 _STOP_RATIO = 1.09
