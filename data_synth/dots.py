@@ -85,7 +85,7 @@ def expose_dots(
     width, height = frame.size_px
     image = np.zeros((height, width, 3))
     moments = np.zeros((3, len(index), 3))
-    samples = shifted_sobol(rays_per_wavelength, len(index), seed)
+    samples = shifted_sobol(4, rays_per_wavelength, len(index), seed)
     white = white_irradiance(lens, pose.distance_mm, bands) * np.prod(frame.pitch_mm)
     per_batch = max(1, RAYS_PER_BATCH // rays_per_wavelength)
     for channel, band in enumerate(bands):

@@ -19,22 +19,20 @@ from data_synth.lens import SetLens
 from data_synth.sensor import Band
 
 BITS = 30
-_DIMENSIONS = 4
-"""Of each sample: two of the point, two of the pupil."""
 STEP_MM = 1.0
 
 
 def shifted_sobol(
-    points: int, copies: int, seed: int
-) -> Float[np.ndarray, "copies points 4"]:
+    dimensions: int, points: int, copies: int, seed: int
+) -> Float[np.ndarray, "copies points dimensions"]:
     """Copies of one scrambled Sobol sequence, binary digits flipped at random in each.
 
     A digital shift keeps the sequence's evenness, which a shift modulo 1 does not.
     """
-    sobol = qmc.Sobol(_DIMENSIONS, bits=BITS, rng=np.random.default_rng(seed))
+    sobol = qmc.Sobol(dimensions, bits=BITS, rng=np.random.default_rng(seed))
     digits = (sobol.random(points) * 2**BITS).astype(np.uint32)
     flips = np.random.default_rng(seed + 1).integers(
-        2**BITS, size=(copies, 1, _DIMENSIONS)
+        2**BITS, size=(copies, 1, dimensions)
     )
     return ((digits ^ flips.astype(np.uint32)) + 0.5) / 2**BITS
 

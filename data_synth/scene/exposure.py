@@ -118,7 +118,7 @@ def mean_radiance(
         corner_px = np.stack([pixel % width, pixel // width], -1)
         for k, wavelength_nm in enumerate(band.wavelengths_nm):
             count = SHARES[k] * rays_per_pixel
-            drawn = shifted_sobol(count, len(pixel), seed_of(seed, start, k))
+            drawn = shifted_sobol(4, count, len(pixel), seed_of(seed, start, k))
             px = (corner_px[:, None] + drawn[..., :2]).reshape(-1, 2)
             rays, passed, brought = _rays_of_slopes(
                 backward, where, frame.mm_from_px(px),

@@ -99,7 +99,7 @@ class _Lamp:
         ----------
         hidden : Whether nearer layers hide the lamp.
         """
-        drawn = shifted_sobol(count, 1, seed)[0]
+        drawn = shifted_sobol(4, count, 1, seed)[0]
         radius, azimuth = np.sqrt(drawn[:, 0]), 2 * np.pi * drawn[:, 1]
         disc = radius[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
         source = self._layer.plane.scene_mm(self._centre_mm + self._radius_mm * disc)

@@ -1,6 +1,6 @@
 """A script for a Python that has `bpy`: one picture by Cycles.
 
-Run by `cycles.cycles_picture` in a process of its own, with a JSON file of what to
+Run by `cycles.shaded_lens` in a process of its own, with a JSON file of what to
 render. It imports no lensfit. Positions and lengths are millimetres before the entrance
 pupil, x right, y down, z ahead; Blender's world has metres, y up, and looks along -z.
 

@@ -125,7 +125,7 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
     Parameters
     ----------
     wavefront : The fit.
-    pictures : Of the dots, by the take's name; see `blur_pictures`.
+    pictures : Of the dots, by the take's name; see `report.pictures`.
     """
     dot_data, stage = wavefront.dot_data, wavefront.stage
     misfit = wavefront.misfit
