@@ -172,6 +172,10 @@ class Axes:
             yield words(LEFT - 8, py[0] + 4, tick_text(value), "tick", "end")
 
 
+MARGIN = 26.0
+"""View-box units left free around an image frame."""
+
+
 @final
 @dataclass(frozen=True)
 class Frame:
@@ -180,30 +184,28 @@ class Frame:
     Attributes
     ----------
     low, high : frame coordinates (x, y) of its top left and bottom right corner.
-    margin : view-box units left free around it.
     """
 
     low: tuple[float, float]
     high: tuple[float, float]
-    margin: float = 26.0
 
     @property
     def scale(self) -> float:
         """View-box units per frame unit."""
-        return (WIDTH - 2 * self.margin) / (self.high[0] - self.low[0])
+        return (WIDTH - 2 * MARGIN) / (self.high[0] - self.low[0])
 
     @property
     def height(self) -> float:
         """Height of the view box that holds the frame and its margins."""
-        return 2 * self.margin + self.scale * (self.high[1] - self.low[1])
+        return 2 * MARGIN + self.scale * (self.high[1] - self.low[1])
 
     def place(
         self, x: Shaped[np.ndarray, " points"], y: Shaped[np.ndarray, " points"]
     ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
         """View-box units of frame positions."""
         return (
-            self.margin + (np.asarray(x, float) - self.low[0]) * self.scale,
-            self.margin + (np.asarray(y, float) - self.low[1]) * self.scale,
+            MARGIN + (np.asarray(x, float) - self.low[0]) * self.scale,
+            MARGIN + (np.asarray(y, float) - self.low[1]) * self.scale,
         )
 
     def border(self) -> Markup:
@@ -223,7 +225,7 @@ class Frame:
 
     def ruler(self, length: float, text: str) -> Markup:
         """A scale bar of so many view-box units under the frame's left corner."""
-        x, y = self.margin, self.height - self.margin + 14
+        x, y = MARGIN, self.height - MARGIN + 14
         bar = np.array([x, x, x, x + length, x + length, x + length])
         up = np.array([y - 4, y + 4, y, y, y - 4, y + 4])
         note = words(x + length + 8, y + 4, text, "small", "start")

@@ -52,16 +52,10 @@ def _output(command: list[str]) -> list[str]:
 
 
 class Cycles(NamedTuple):
-    """A Python that has `bpy`, and the pixels that it renders.
-
-    Attributes
-    ----------
-    threads : Of Cycles.
-    """
+    """A Python that has `bpy`, and the pixels that it renders."""
 
     python: str
     frame: ExchangeFrame
-    threads: int = 2
 
     def picture(self, **wanted: Any) -> Float32[np.ndarray, "height width channels"]:
         """A picture, with alpha if it is "transparent"; `cycles_job` lists the keys.
@@ -87,7 +81,7 @@ class Cycles(NamedTuple):
 
     def _channels(self, wanted: dict[str, Any]) -> dict[str, np.ndarray]:
         size, width_mm = list(self.frame.size_px), self.frame.sensor_width_mm
-        task = {"size_px": size, "sensor_width_mm": width_mm, "threads": self.threads}
+        task = {"size_px": size, "sensor_width_mm": width_mm}
         with tempfile.TemporaryDirectory() as folder:
             out, path = Path(folder) / "picture.exr", Path(folder) / "task.json"
             path.write_text(json.dumps(task | wanted | {"out": str(out)}))
