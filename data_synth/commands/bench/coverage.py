@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from data_synth.commands.bench.outcome import AsJson, fail_if_any, say_machine
@@ -65,6 +64,8 @@ def _expose(made: "Photographed", folder: Path, draw: int, into: Path) -> None:
 
 def traced_of(truth: "WavefrontTruth") -> "Traced":
     """A truth as lensfit's benchmark reads it: what lies in the frame, thinned out."""
+    import numpy as np
+
     from data_synth.bench.coverage.predictions import (
         Traced,
         TracedChiefs,
@@ -99,6 +100,8 @@ def traced_of(truth: "WavefrontTruth") -> "Traced":
 
 def _spots(truth: "WavefrontTruth") -> "tuple[TracedSpots, ...]":
     """A few of every setting that was photographed."""
+    import numpy as np
+
     from data_synth.bench.coverage.predictions import TracedSpots
 
     found = []
