@@ -19,6 +19,8 @@ WIDER, MOST_SCANS = 1.5, 6
 """How much more is searched, and how often, while light passes its border: from the
 edge of 100 degrees the closed stop of a retrofocus lens looks three times as wide."""
 BISECTIONS = 14
+_AZIMUTHS = 128
+"""At which the edge of an opening is found."""
 
 
 def tracer_from_object(
@@ -118,7 +120,6 @@ def pupil_outline_mm(
     lens: SetLens,
     points_mm: Float[np.ndarray, "points 3"],
     wavelength_nm: float,
-    azimuths: int = 128,
 ) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, "points azimuths"]]:
     """Edge of the opening that each scene point sees, in the entrance-pupil plane.
 
@@ -133,9 +134,9 @@ def pupil_outline_mm(
     candidates, passed, reach_mm = _scan(lens, points_mm, wavelength_nm, 24)
     with np.errstate(invalid="ignore"):
         centre = (candidates * passed).sum(axis=1) / passed.sum(axis=1)
-    azimuth = 2 * np.pi * np.arange(azimuths) / azimuths
+    azimuth = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
     outward = np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
-    sources = np.repeat(points_mm, azimuths, axis=0)
+    sources = np.repeat(points_mm, _AZIMUTHS, axis=0)
 
     def clearance(radius):
         pupil = centre[:, None] + radius[..., None] * outward
@@ -144,7 +145,7 @@ def pupil_outline_mm(
         )
         return traced.clearance.reshape(radius.shape)
 
-    inner = np.zeros((len(points_mm), azimuths))
+    inner = np.zeros((len(points_mm), _AZIMUTHS))
     outer = np.zeros_like(inner) + 2 * np.sqrt(2) * reach_mm[:, None]
     within, beyond = clearance(inner), np.full_like(inner, -np.inf)
     for _ in range(BISECTIONS):

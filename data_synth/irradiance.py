@@ -15,8 +15,8 @@ from data_synth.aim import (
     pupil_outline_mm,
     tracer_from_object,
 )
-from data_synth.bands import Band
 from data_synth.lens import SetLens
+from data_synth.sensor import Band
 
 BITS = 30
 STEP_MM = 1.0

@@ -26,10 +26,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bands import CHANNELS
 from data_synth.judge_depths import depth_figures
 from data_synth.judge_deviations import covered_figures
-from data_synth.judge_maps import affinely_aligned, flags_of
 from data_synth.judge_spots import (
     GREEN,
     Preset,
@@ -37,8 +35,9 @@ from data_synth.judge_spots import (
     maker_of,
     spot_figures,
 )
-from data_synth.judged_lens import Lens
+from data_synth.judged_lens import Lens, affinely_aligned, flags_of
 from data_synth.psf_truth import WavefrontTruth, read_truth
+from data_synth.sensor import CHANNELS
 from data_synth.thin_lens import ThinLens
 from lensfit.errors import LensfitError
 

@@ -21,10 +21,9 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from data_synth.bands import CHANNELS, Channel
-from data_synth.frame import Frame
-from data_synth.judge_maps import affinely_aligned
 from data_synth.judge_spots import GREEN
+from data_synth.judged_lens import affinely_aligned
+from data_synth.sensor import CHANNELS, Channel, Frame
 from lensfit.errors import LensfitError
 
 TRUTH = "truth_lens.json"

@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from data_synth.bands import CHANNELS, Channel
 from data_synth.judge_spots import GREEN
 from data_synth.judged_lens import Lens
 from data_synth.psf_truth import WavefrontTruth
+from data_synth.sensor import CHANNELS, Channel
 from lensfit.errors import LensfitError
 
 _SPOTS = 3

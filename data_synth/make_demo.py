@@ -11,10 +11,9 @@ from functools import partial
 from pathlib import Path
 
 from data_synth.chart import Chart, Pose
-from data_synth.frame import Frame
 from data_synth.plate import write_plate
 from data_synth.prescription import load_prescription
-from data_synth.sensor import Sensor
+from data_synth.sensor import Frame, Sensor
 from data_synth.shoot import Camera, Shot, write_shoot
 
 FOLDER = Path(__file__).parent / "demo"

@@ -25,10 +25,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
 
-from data_synth.bands import CHANNELS
-from data_synth.frame import Frame
 from data_synth.judge_spots import GREEN
 from data_synth.psf_truth import TABLE_STEPS, Group, WavefrontTruth, write_truth
+from data_synth.sensor import CHANNELS, Frame
 from data_synth.spots import SIZES
 
 FOCUS_STATES = ("in", "near", "far")

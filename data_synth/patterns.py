@@ -26,9 +26,7 @@ from data_synth.aim import (
     rays_through_pupil,
     tracer_from_object,
 )
-from data_synth.bands import Band
 from data_synth.chart import Chart, Pose, pattern_coverage
-from data_synth.frame import Frame
 from data_synth.irradiance import open_chart_flux, white_irradiance
 from data_synth.lens import SetLens
 from data_synth.raymap import (
@@ -40,6 +38,7 @@ from data_synth.raymap import (
     hats,
     node_places,
 )
+from data_synth.sensor import Band, Frame
 
 SUBCELLS = 5
 """Rays across a cell of the pupil grid that measure how far it is open."""

@@ -9,8 +9,8 @@ import math
 
 from data_synth.chart import Chart, ChartKind, Pose
 from data_synth.files import PictureFormat
-from data_synth.frame import Frame
 from data_synth.prescription import Prescription
+from data_synth.sensor import Frame
 from data_synth.shoot import Shot
 
 MARKS_ACROSS = 25

@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bands import Band
-from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens
+from data_synth.sensor import Band, Frame
 from data_synth.spots import band_chiefs_mm, field_points_mm, spots_of
 from lensfit.atomic import atomic_path
 

@@ -8,9 +8,9 @@ photographed two stops down from the widest; distances of square views are state
 import numpy as np
 
 from data_synth.chart import Pose
-from data_synth.frame import Frame
 from data_synth.plan import chart_for
 from data_synth.prescription import Prescription
+from data_synth.sensor import Frame
 from data_synth.shoot import Shot
 
 _TILT_DEG = 20.0

@@ -1,14 +1,72 @@
-"""From irradiance to a picture file's samples: electrons, noise, codes, colour mosaic.
+"""The camera behind the lens: its frame, its colour channels, its sensor.
 
 The sensor fills at a value of 1. Shot noise is Poisson in electrons, read noise is
 Gaussian; the black level is subtracted, so that dark samples scatter about zero.
+
+Sensor millimetres are upright: origin at the centre, x right, y down.
+
+A colour channel is a band of wavelengths: a Gaussian in wavelength, replaced
+by a Gauss-Hermite rule: three nodes integrate polynomials up to degree five of the
+wavelength exactly, which is enough for a spot that drifts smoothly with colour.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import convolve
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The sensor's area and its pixels."""
+
+    size_px: tuple[int, int]
+    size_mm: tuple[float, float]
+
+    @property
+    def pitch_mm(self) -> tuple[float, float]:
+        """Width and height of a pixel."""
+        return self.size_mm[0] / self.size_px[0], self.size_mm[1] / self.size_px[1]
+
+    def px_from_mm(self, sensor_mm: Float[np.ndarray, "*points 2"]):
+        """Pixels of upright sensor positions."""
+        return sensor_mm / np.array(self.pitch_mm) + np.array(self.size_px) / 2
+
+    def mm_from_px(self, position_px: Float[np.ndarray, "*points 2"]):
+        """Upright sensor positions of pixels."""
+        return (position_px - np.array(self.size_px) / 2) * np.array(self.pitch_mm)
+
+
+Channel = Literal["r", "g", "b"]
+CHANNELS: tuple[Channel, ...] = ("r", "g", "b")
+CENTRES_NM = {"r": 610.0, "g": 540.0, "b": 460.0}
+SIGMA_NM = {"r": 22.0, "g": 25.0, "b": 20.0}
+
+
+@dataclass(frozen=True)
+class Band:
+    """One channel: wavelengths and the share of the light at each (sums to 1)."""
+
+    channel: str
+    wavelengths_nm: tuple[float, ...]
+    weights: tuple[float, ...]
+
+
+def camera_bands(nodes: int = 3) -> tuple[Band, ...]:
+    """Red, green and blue with this many wavelengths each."""
+    offsets, weights = np.polynomial.hermite_e.hermegauss(nodes)
+    shares = tuple(float(value) for value in weights / weights.sum())
+    return tuple(
+        Band(
+            channel,
+            tuple(float(CENTRES_NM[channel] + SIGMA_NM[channel] * o) for o in offsets),
+            shares,
+        )
+        for channel in CHANNELS
+    )
+
 
 MOSAIC = "rggb"
 """Colours of the top left photosites of a sensor with a mosaic, row by row."""
@@ -68,13 +126,13 @@ def demosaiced(
 
 
 def srgb_codes(
-    linear: Float[np.ndarray, "height width 3"], bits: int = 8
+    linear: Float[np.ndarray, "height width 3"],
 ) -> Float[np.ndarray, "height width 3"]:
-    """Codes of the sRGB transfer curve (IEC 61966-2-1), rounded, as floats."""
+    """8-bit codes of the sRGB transfer curve (IEC 61966-2-1), rounded, as floats."""
     clipped = np.clip(linear, 0.0, 1.0)
     curved = np.where(
         clipped <= 0.0031308,
         12.92 * clipped,
         1.055 * clipped ** (1 / 2.4) - 0.055,
     )
-    return np.round(curved * (2**bits - 1))
+    return np.round(curved * 255)

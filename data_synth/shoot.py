@@ -17,10 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
-from data_synth.bands import CHANNELS, Band, camera_bands
 from data_synth.chart import DICTIONARY, MARKER_RATIO, Chart, Pose
-from data_synth.dot_images import expose_dots_from_maps
-from data_synth.dots import DotTruth, expose_dots
+from data_synth.dots import DotTruth, expose_dots, expose_dots_from_maps
 from data_synth.files import (
     ENCODINGS,
     PictureFormat,
@@ -28,7 +26,6 @@ from data_synth.files import (
     write_json,
     write_picture,
 )
-from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens, set_lens
 from data_synth.noise_draws import keep_the_light
@@ -40,7 +37,15 @@ from data_synth.psf_truth import (
     wavefront_truth,
     write_truth,
 )
-from data_synth.sensor import MOSAIC, Sensor, digitise
+from data_synth.sensor import (
+    CHANNELS,
+    MOSAIC,
+    Band,
+    Frame,
+    Sensor,
+    camera_bands,
+    digitise,
+)
 from lensfit.atomic import write_text_atomic
 from lensfit.atomic_set import atomic_output_set
 

@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
-from data_synth.bands import Band
-from data_synth.frame import Frame
 from data_synth.lens import SetLens
 from data_synth.pupilmap import PupilMap, deposit, open_bounds_mm, pupil_map
+from data_synth.sensor import Band, Frame
 
 CELLS = 64
 RAY_SPACING_PX = 0.15

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bands import Channel
+from data_synth.sensor import Channel
+
+_FINE = 5
+"""Samples along a pixel."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,6 @@ class ThinLens:
     focal_length_mm: float
     f_number: float
     focus_distance_mm: float
-    oversampling: int = 5
 
     def project(
         self, object_points_mm, channel: Channel = "g"
@@ -52,7 +54,7 @@ class ThinLens:
             self.f_number * (focus_mm - self.focal_length_mm)
         )
         radius_px = max(blur / 2 / pixel_pitch_mm, 0.5)
-        fine = self.oversampling
+        fine = _FINE
         place = (np.arange(size_px * fine) + 0.5) / fine - size_px / 2
         disc = radius_px + 0.5 / fine - np.hypot(place[:, None], place[None])
         disc = np.clip(disc * fine, 0.0, 1.0)

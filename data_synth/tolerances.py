@@ -15,12 +15,12 @@ import math
 import numpy as np
 
 from data_synth.aim import tracer_from_object
-from data_synth.frame import Frame
 from data_synth.glass import glass_from_abbe
 from data_synth.lens import set_lens
 from data_synth.paraxial import first_order
 from data_synth.prescription import Prescription, ZoomState
 from data_synth.pupilmap import REFERENCE_NM, open_bounds_mm, pupil_map
+from data_synth.sensor import Frame
 from data_synth.spots import field_points_mm
 from data_synth.surfaces import Surface
 

@@ -15,9 +15,8 @@ import numpy as np
 
 from data_synth.chart import Pose
 from data_synth.files import PictureFormat
-from data_synth.frame import Frame
 from data_synth.prescription import Prescription, load_prescription, prescription_names
-from data_synth.sensor import Sensor
+from data_synth.sensor import Frame, Sensor
 from data_synth.shoot import Camera, Shot, write_shoot
 from data_synth.tolerances import (
     behind_meniscus,

@@ -19,10 +19,10 @@ import numpy as np
 from data_synth.aim import tracer_from_object
 from data_synth.chart import Chart, ChartKind, Pose
 from data_synth.files import PictureFormat
-from data_synth.frame import Frame
 from data_synth.lens import set_lens
 from data_synth.prescription import Prescription
 from data_synth.pupilmap import REFERENCE_NM, open_bounds_mm, pupil_map
+from data_synth.sensor import Frame
 from data_synth.shoot import Shot
 from data_synth.spots import field_points_mm
 

@@ -44,6 +44,21 @@ def sentence_of(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
+def error_at_frame(error: LensfitError, path: Path) -> LensfitError:
+    """The error, named after the frame; it keeps its kind where it had no other place.
+
+    Parameters
+    ----------
+    path : Of the frame.
+    """
+    if error.where is None:
+        return type(error)(error.what, where=path, remedy=error.remedy)
+    if Path(error.where) == path:
+        return error
+    what = f"{error.where}: {error.what}"
+    return LensfitError(what, where=path, remedy=error.remedy)
+
+
 def _shortened(text: str) -> str:
     """A line stays a line, whatever a file holds where a word should stand."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

@@ -19,13 +19,12 @@ from typing import Any
 
 from pictures import write_picture
 
-from data_synth.bands import camera_bands
 from data_synth.judge import geometry_figures, judge, thin_lens_figures
 from data_synth.lens import set_lens
 from data_synth.plan import planned_shots
 from data_synth.prescription import Prescription, load_prescription
 from data_synth.psf_truth import FILE_NAME, geometry_truth
-from data_synth.sensor import Sensor
+from data_synth.sensor import Sensor, camera_bands
 from data_synth.shoot import Camera, Shot, write_shoot
 from data_synth.thin_lens import ThinLens
 from data_synth.wavefront_cases import frame_for, subject_of

@@ -8,13 +8,11 @@ from pathlib import Path
 
 from data_synth.chart import Chart, Pose
 from data_synth.files import write_picture
-from data_synth.frame import Frame
 from data_synth.prescription import load_prescription
-from data_synth.sensor import Sensor, digitise
+from data_synth.sensor import Frame, Sensor, digitise
 from data_synth.shoot import BRIGHTEST, Camera, Shot, take
-from lensfit.workflow.kit.kit_file import load_kit
+from lensfit.workflow.kit.kit_file import Kit, load_kit
 from lensfit.workflow.kit.kit_plan import TILT_DEG, LensPlan, kit_plan
-from lensfit.workflow.kit.kit_records import Kit
 
 SIZE_PX = (400, 300)
 KIT = """\

@@ -22,9 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.interpolate import RBFInterpolator
 
-from data_synth.bench.machine import machine
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.sets import chosen_sets, shoot_of
 from lensfit.errors import LensfitError
 from lensfit.fitting.lens_states import fit
@@ -37,11 +35,10 @@ from lensfit.fitting.wavefront.gather import DotData, select_dots
 from lensfit.fitting.wavefront.stages import Stage, recentre_patches, stage_on_dots
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.programs import forget_programs
-from lensfit.progress import Progress, silent
+from lensfit.progress import Progress, silent, stopwatch
 from lensfit.psf.pixels import image_of
 from lensfit.psf.spot import Spot
 from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.stopwatch import stopwatch
 
 SETS = (
     "dot_pattern_01",
@@ -180,7 +177,7 @@ def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:
     takes = [o.take for o in observed if o.take is not None]
     fitted = fit(takes, effort=effort)
     if not fitted.wavefronts:
-        why = "; ".join(fitted.unmeasured_blur.values()) or "its marks are no dots"
+        why = "; ".join(fitted.unmeasured_blur.values()) or "its chart has no dots"
         raise LensfitError(f"no blur was measured: {why}")
     return next(iter(fitted.wavefronts.values()))
 

@@ -12,9 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from data_synth.bench.machine import machine
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
 from data_synth.prescription import load_prescription
 from data_synth.wavefront_cases import subject_of

@@ -11,14 +11,12 @@ from typing import Any
 
 from data_synth.bench.detect import bench_detect
 from data_synth.bench.fit.benchmark import bench_fit
-from data_synth.bench.machine import machine
 from data_synth.bench.render.benchmark import bench_render
-from data_synth.bench.result import bench_result
+from data_synth.bench.result import bench_result, machine
 from data_synth.bench.warp import bench_warp
 from data_synth.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
 from lensfit.errors import LensfitError
-from lensfit.progress import Progress, silent
-from lensfit.workflow.stopwatch import stopwatch
+from lensfit.progress import Progress, silent, stopwatch
 
 QUICK_DOTS = ("dot_pattern_05", "gopro8")
 QUICK_SETS = (*QUICK_DOTS, "line_pattern_01")

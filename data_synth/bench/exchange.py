@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 
 from data_synth.bench.cycles.benchmark import bench_cycles
-from data_synth.bench.machine import machine
 from data_synth.bench.render.blender import python_with_bpy
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import as_tables
+from data_synth.bench.result import as_tables, bench_result, machine
 from lensfit.batches import in_batches
 from lensfit.errors import LensfitError
 from lensfit.exchange.export import FORMATS, export_preset

@@ -89,7 +89,7 @@ def fft_flops(tiles: float, side_px: int) -> float:
     return tiles * 2.5 * pixels * math.log2(pixels)
 
 
-def best_seconds(work: Callable[[], Any], runs: int = _RUNS) -> float:
+def best_seconds(work: Callable[[], Any]) -> float:
     """The least wall time of several runs, one before them left out."""
     work()
-    return best(work, runs)[1]
+    return best(work, _RUNS)[1]

@@ -1,7 +1,7 @@
 """Photographs that the fit is held to: which sets, and what each must reach.
 
 Held-out bars are pixels; `aim` is close to what detection noise and a free smooth map
-allow. `marks` counts what independent code found on the same photographs. Lateral
+allow. `detections` counts what independent code found on the same photographs. Lateral
 colour is the median radial shift beyond 0.8 of the largest radius, measured by other
 code. Shoot files lie in `data_synth/shoots`, photographs in the data folder.
 """
@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from lensfit.errors import LensfitError, ShootError
 from lensfit.workflow.shoot.shoot_file import Shoot, load_shoot
 
-LEAST_PART_OF_MARKS = 0.99
+LEAST_PART_OF_DETECTIONS = 0.99
 MOST_ROUND_TRIP_PX = 1e-3
 MOST_COLOUR_DIFFERENCE_PX = 0.1
 """Two estimators of an edge shift on blurred chroma differ by about this."""
@@ -30,7 +30,7 @@ class BenchSet:
     ----------
     name : Of the set and its shoot file.
     bar_px, aim_px : Held-out reprojection rms; for a line grid the straightness rms.
-    marks : Found by other code; None where lines are counted differently.
+    detections : Found by other code; None where lines are counted differently.
     detect_bar_s : Longest detection and indexing.
     colour_px : Radial red minus green and blue minus green at the edge.
     focus_distance_mm : The one lens state to fit; None for all.
@@ -41,7 +41,7 @@ class BenchSet:
     name: str
     bar_px: float
     aim_px: float
-    marks: int | None = None
+    detections: int | None = None
     detect_bar_s: float | None = None
     colour_px: tuple[float, float] | None = None
     focus_distance_mm: float | None = None

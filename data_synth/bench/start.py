@@ -19,7 +19,7 @@ from pathlib import Path
 from msgspec import Struct, convert
 
 from data_synth.bench.own_process import output_of
-from data_synth.bench.rows import Row
+from data_synth.bench.result import Row
 from lensfit._jax import CACHE_VARIABLE
 
 START_SET = "dot_pattern_05"

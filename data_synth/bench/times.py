@@ -5,7 +5,7 @@ import statistics
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from lensfit.workflow.stopwatch import stopwatch
+from lensfit.progress import stopwatch
 
 RUNS = 3
 

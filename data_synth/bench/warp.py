@@ -13,10 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bench.machine import machine
 from data_synth.bench.plot import Curve, write_curves
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.times import best, timed
 from lensfit.coords import Window
 from lensfit.progress import Progress, silent

@@ -20,8 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bands import CHANNELS, Band, camera_bands
-from data_synth.frame import Frame
 from data_synth.irradiance import shifted_sobol
 from data_synth.lens import SetLens
 from data_synth.scene.backward import BackwardLens, Openings, backward_lens, openings
@@ -30,6 +28,7 @@ from data_synth.scene.lamp_light import lamp_light
 from data_synth.scene.layers import Scene
 from data_synth.scene.open_light import axis_irradiance, open_irradiance
 from data_synth.scene.sampling import SHARES, Sampling, seed_of
+from data_synth.sensor import CHANNELS, Band, Frame, camera_bands
 
 RAYS_AT_ONCE = 1 << 18
 

@@ -21,7 +21,6 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.files import write_json
-from data_synth.frame import Frame
 from data_synth.lens import SetLens, set_lens
 from data_synth.prescription import Prescription
 from data_synth.scene.draw import drawn_scene
@@ -36,6 +35,7 @@ from data_synth.scene.plates import (
     pixel_samples,
 )
 from data_synth.scene.sampling import Sampling
+from data_synth.sensor import Frame
 from lensfit.atomic_set import atomic_output_set
 from lensfit.coords import Window
 from lensfit.errors import LensfitError

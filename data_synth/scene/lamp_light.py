@@ -10,13 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.aim import pupil_bounds_mm, rays_through_pupil
-from data_synth.bands import CHANNELS, Band
-from data_synth.frame import Frame
 from data_synth.irradiance import ray_weights, shifted_sobol
 from data_synth.lens import SetLens
 from data_synth.scene.crossings import share_let_through
 from data_synth.scene.layers import Layer, Scene, SceneRays
 from data_synth.scene.sampling import SHARES, seed_of
+from data_synth.sensor import CHANNELS, Band, Frame
 
 RAYS_TO_MEASURE = 256
 LEAST_RAYS, MOST_RAYS = 1 << 9, 1 << 18

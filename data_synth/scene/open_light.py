@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RectBivariateSpline
 
-from data_synth.bands import Band
-from data_synth.frame import Frame
 from data_synth.scene.backward import SCAN_RADII, BackwardLens
+from data_synth.sensor import Band, Frame
 
 LIGHT_NODES = (25, 19)
 AZIMUTHS = 64

@@ -19,12 +19,12 @@ from scipy.ndimage import binary_dilation
 from scipy.stats import qmc
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
-from data_synth.frame import Frame
 from data_synth.irradiance import BITS
 from data_synth.lens import REFERENCE_NM, SetLens
 from data_synth.scene.crossings import crossings
 from data_synth.scene.layers import Layer, Scene, SceneRays
 from data_synth.scene.shapes import Everywhere
+from data_synth.sensor import Frame
 from data_synth.spots import object_points_mm
 from lensfit.coords import Window
 

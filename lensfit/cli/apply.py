@@ -6,9 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
+from lensfit.cli._terminal import say_line
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup, FocusGroup, ScaleToSensorOption
+from lensfit.cli.groups.camera import (
+    CameraGroup,
+    FocusGroup,
+    PixelGroup,
+    ScaleToSensorOption,
+)
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.knobs import (
     AberrationGroup,
@@ -17,7 +22,6 @@ from lensfit.cli.groups.knobs import (
     stated_knobs,
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.cli.groups.pixels import PixelGroup
 from lensfit.cli.groups.rendering import (
     CoresOption,
     DisableGroup,
@@ -46,7 +50,7 @@ FilterOption = Annotated[
 
 
 class ProgressName(StrEnum):
-    """How progress is told, as in `lensfit.cli._frame_progress`."""
+    """How progress is told, as in `lensfit.cli._terminal`."""
 
     auto = "auto"
     bar = "bar"
@@ -152,7 +156,7 @@ def apply(
 
     Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
     """
-    from lensfit.cli._frame_progress import frame_progress
+    from lensfit.cli._terminal import frame_progress
 
     begin_frames(keep, overwrite, cores)
     from lensfit.workflow.apply import apply

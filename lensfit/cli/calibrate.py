@@ -6,10 +6,9 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._bars import progress_bars
 from lensfit.cli._door import say_error, say_note
-from lensfit.cli._efforts import EffortOption
-from lensfit.cli._levels import RequireOption, require_level
+from lensfit.cli._options import EffortOption, RequireOption, require_level
+from lensfit.cli._terminal import progress_bars
 
 
 def calibrate(

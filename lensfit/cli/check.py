@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
+from lensfit.cli._terminal import say_line
 
 if TYPE_CHECKING:
     from lensfit.workflow.check.check_records import Check
@@ -62,7 +62,7 @@ def _paths(
     """Those given, else those of the plan; then those that arrive, until Ctrl-C."""
     yield from images
     if watch is not None:
-        from lensfit.workflow.check.watched_folder import new_photographs
+        from lensfit.workflow.check.photographs import new_photographs
 
         yield from new_photographs(watch)
     elif not images and session.shoot is not None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._bars import progress_bars
+from lensfit.cli._terminal import progress_bars
 
 
 def demo(

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
-from lensfit.cli._sizes import size_px
+from lensfit.cli._options import size_px
+from lensfit.cli._terminal import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import FrameGroup, StateGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
@@ -62,8 +62,8 @@ def export(
     Example: lensfit export takumar/preset.json --to nuke-radial --out takumar.nk
     """
     size = size_px(frame.size)
-    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.cli._terminal import progress_bars
     from lensfit.exchange.export import export_preset
     from lensfit.exchange.export_request import ExportRequest, WantedState
     from lensfit.exchange.samples import ExchangeFrame

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._console import console
+from lensfit.cli._terminal import console
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.library import LibraryGroup
@@ -47,8 +47,8 @@ def inspect(
     Example: lensfit inspect plate.1001.exr --metadata A001.csv --camera shot.nk
     Example: lensfit inspect plate.1001.exr --preset takumar_50/preset.json
     """
-    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_error, say_note
+    from lensfit.cli._terminal import progress_bars
     from lensfit.io.camera.slates import read_slates
     from lensfit.plate.camera.sources import CameraSources
     from lensfit.plate.notes import notes_of_new_topics

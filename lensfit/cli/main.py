@@ -1,8 +1,7 @@
 """The command line: parses, calls `lensfit.workflow`, prints.
 
-Each command is a file of its own beside this one (those of `preset` and `kit` share a
-room) and imports what it needs inside its function, so that ``lensfit --help`` is
-instant.
+Each command is a file of its own beside this one (those of `preset` have a room) and
+imports what it needs inside its function, so that ``lensfit --help`` is instant.
 """
 
 import importlib

@@ -7,14 +7,13 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
-from lensfit.cli._sizes import size_px
+from lensfit.cli._options import size_px
+from lensfit.cli._terminal import say_line
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import ScaleToSensorOption
+from lensfit.cli.groups.camera import PixelGroup, ScaleToSensorOption
 from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated_knobs
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.cli.groups.pixels import PixelGroup
 from lensfit.cli.groups.rendering import DisableGroup
 
 

@@ -5,9 +5,14 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._console import console
+from lensfit.cli._terminal import console
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup, FocusGroup, ScaleToSensorOption
+from lensfit.cli.groups.camera import (
+    CameraGroup,
+    FocusGroup,
+    PixelGroup,
+    ScaleToSensorOption,
+)
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.knobs import (
     AberrationGroup,
@@ -16,7 +21,6 @@ from lensfit.cli.groups.knobs import (
     stated_knobs,
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.cli.groups.pixels import PixelGroup
 from lensfit.cli.groups.rendering import (
     CoresOption,
     DisableGroup,
@@ -51,8 +55,8 @@ def plan(
 
     Example: lensfit plan takumar_50/preset.json plate.1001.exr --tolerance 3e-3
     """
-    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.cli._terminal import progress_bars
     from lensfit.plate.apply_options import ApplyOptions
     from lensfit.workflow.plan_plate import plan_plate
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._levels import RequireOption, require_level
+from lensfit.cli._options import RequireOption, require_level
 from lensfit.errors import LensfitError
 
 
@@ -28,15 +28,15 @@ def report(
     Example: lensfit report takumar_50
     """
     path = results / "report.json" if results.is_dir() else results
-    from lensfit.report.read_report import read_report
+    from lensfit.report.report_file import read_report
 
     tables = read_report(path)
 
     import msgspec
 
     from lensfit.cli._summary import print_files, print_summary
+    from lensfit.report.report_file import write_report
     from lensfit.report.verdict import verdict_of
-    from lensfit.report.write_report import write_report
 
     try:
         judged = msgspec.to_builtins(verdict_of(tables))

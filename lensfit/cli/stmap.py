@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import console, say_line
-from lensfit.cli._sizes import size_px
+from lensfit.cli._options import size_px
+from lensfit.cli._terminal import console, say_line
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup, ScaleToSensorOption
+from lensfit.cli.groups.camera import CameraGroup, PixelGroup, ScaleToSensorOption
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.cli.groups.pixels import PixelGroup
 
 if TYPE_CHECKING:
     from lensfit.preset.scaled_look import ScaledLook
@@ -138,8 +137,8 @@ def _write_one(
     as_json: bool,
 ) -> None:
     """Maps of one state, or how wrong coarser ones are where no folder is given."""
-    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.cli._terminal import progress_bars
     from lensfit.coords import Window
     from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
     from lensfit.plate.pixel_shape import SQUARE, pixel_shape
@@ -212,8 +211,8 @@ def _write_sequence(
     as_json: bool,
 ) -> None:
     """A map for each frame of plates."""
-    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.cli._terminal import progress_bars
     from lensfit.plate.apply_options import ApplyOptions
     from lensfit.rendering.render_stages import Switches
     from lensfit.workflow.moving_stmaps import write_moving_stmaps

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lensfit.cli._console import say_line
+from lensfit.cli._terminal import say_line
 from lensfit.cli.apply import apply, apply_options
 from lensfit.cli.groups import options_in_groups, takes_groups
 from lensfit.cli.groups.forwarded_options import hands_on

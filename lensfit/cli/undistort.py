@@ -7,9 +7,8 @@ import typer
 
 from lensfit.cli.apply import FilterOption, ProgressName, begin_frames, say_applied
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.camera import CameraGroup, PixelGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.cli.groups.pixels import PixelGroup
 from lensfit.cli.groups.rendering import CoresOption, ToleranceOption
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def undistort(
 
     Example: lensfit undistort takumar/preset.json A001.####.exr --out straight
     """
-    from lensfit.cli._frame_progress import frame_progress
+    from lensfit.cli._terminal import frame_progress
 
     begin_frames(keep, overwrite, cores)
     from lensfit.plate.apply_options import ApplyOptions

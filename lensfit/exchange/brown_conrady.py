@@ -35,8 +35,7 @@ from lensfit.exchange.export_request import (
     principal_point,
     samples_pair,
 )
-from lensfit.exchange.foreign import PointMap, Points
-from lensfit.exchange.inverse import inverse_points, is_folded
+from lensfit.exchange.foreign import PointMap, Points, inverse_points, is_folded
 from lensfit.exchange.opencv import OpenCvMap, opencv_distorted, opencv_text
 from lensfit.exchange.samples import (
     ExchangeFrame,

@@ -11,14 +11,15 @@ from lensfit.errors import ExchangeError, LensfitError
 from lensfit.exchange.brown_conrady import export_opencv
 from lensfit.exchange.cycles_osl import export_cycles
 from lensfit.exchange.export_request import Exported, ExportRequest
-from lensfit.exchange.export_tables import export_lensfun, export_opentrackio
+from lensfit.exchange.lensfun_lens import export_lensfun
 from lensfit.exchange.mrcal import export_mrcal_opencv, export_mrcal_splined
 from lensfit.exchange.nuke_stmap import export_nuke_maps, export_stmaps
+from lensfit.exchange.opentrackio_lens import export_opentrackio
 from lensfit.exchange.syntheyes import export_syntheyes
 from lensfit.exchange.tde4_node import TDE4_FORMATS, export_tde4
 from lensfit.exchange.unreal import export_unreal
 from lensfit.exchange.usd_camera import export_usd
-from lensfit.preset.spanned_width import unscaled_error
+from lensfit.preset.scaled_look import unscaled_error
 
 WRITERS: dict[str, Callable[[ExportRequest], Exported]] = {
     **{name: partial(export_tde4, model) for name, model in TDE4_FORMATS.items()},

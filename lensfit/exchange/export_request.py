@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lensfit.batches import in_batches
 from lensfit.exchange.samples import (
     FIT_COUNT,
     JUDGE_COUNT,
@@ -126,6 +127,15 @@ def principal_point(lens: Lens) -> tuple[float, float]:
     """Of the lens, mm."""
     x, y = np.asarray(lens.distortion.principal_point_mm).tolist()
     return x, y
+
+
+def mean_light(lens: Lens, points_mm: np.ndarray) -> np.ndarray:
+    """Relative illumination at points of the photograph, mean of the channels."""
+    each = [
+        in_batches(lambda p, c=c: lens.relative_illumination(p, c), points_mm)
+        for c in ("r", "g", "b")
+    ]
+    return np.mean(each, axis=0)
 
 
 def lens_description(request: ExportRequest, lens: Lens) -> str:

@@ -29,8 +29,7 @@ from typing import Literal, final
 import numpy as np
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import Points
-from lensfit.exchange.inverse import inverse_points
+from lensfit.exchange.foreign import Points, inverse_points
 from lensfit.exchange.samples import Samples, fit_distorting, residual_of
 
 DistortionModel = Literal["none", "poly3", "poly5", "ptlens"]

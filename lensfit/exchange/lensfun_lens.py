@@ -1,19 +1,42 @@
-"""The lens that a lensfun database describes: a state for every focal length."""
+"""A lens from a lensfun database, and to one: a state for every focal length."""
 
+import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from lensfit.atomic import write_text_atomic
+from lensfit.batches import in_batches
 from lensfit.errors import ExchangeError
+from lensfit.exchange.export_request import (
+    Exported,
+    ExportRequest,
+    Nearness,
+    WantedState,
+    export_result,
+    lens_description,
+    mean_light,
+    principal_point,
+    samples_pair,
+    state_name,
+    states_of,
+)
 from lensfit.exchange.foreign import (
     ForeignFallOff,
     ForeignLens,
     ForeignState,
     StatedValues,
+    assumed_size_px,
 )
 from lensfit.exchange.lensfun import (
     FULL_FRAME_DIAGONAL_MM,
     LensfunMap,
     centre_magnification,
+    fit_even_polynomial,
+    fit_lensfun,
+    fit_tca,
     sensor_of_crop,
     tca_channel,
     vignetting,
@@ -22,10 +45,22 @@ from lensfit.exchange.lensfun_xml import (
     LensfunDatabase,
     LensfunDistortion,
     LensfunLens,
+    LensfunTca,
+    LensfunVignetting,
+    lensfun_text,
 )
+from lensfit.exchange.samples import (
+    Samples,
+    residual_from,
+    residual_of,
+)
+from lensfit.lens import Lens
+from lensfit.preset.entry import Entry
+from lensfit.printable import printable
+from lensfit.units import m_from_mm
 
-_DEFAULT_WIDTH_PX = 4096
 _FAR_M = 1000.0
+"""What lensfun's own files write for infinity."""
 _SHOWN = 8
 
 
@@ -63,10 +98,7 @@ def lens_of_lensfun(
     sensor = sensor_of_crop(crop, lens.aspect_ratio)
     if stated.sensor_width_mm is not None:
         sensor = (stated.sensor_width_mm, stated.sensor_width_mm / lens.aspect_ratio)
-    size = stated.size_px or (
-        _DEFAULT_WIDTH_PX,
-        max(1, round(_DEFAULT_WIDTH_PX * sensor[1] / sensor[0])),
-    )
+    size = stated.size_px or assumed_size_px(sensor)
     if stated.size_px is not None:
         sensor = (sensor[0], sensor[0] * size[1] / size[0])
     states = tuple(_state(d, lens, stated) for d in _distortions(lens, stated, where))
@@ -169,3 +201,158 @@ def _fall_off(
         )
         found.append(ForeignFallOff(f_number, light))
     return tuple(found)
+
+
+def export_lensfun(request: ExportRequest) -> Exported:
+    """A database with this lens; distortion is that at the farthest focus."""
+    by_focal: dict[float, list[WantedState]] = {}
+    for state in states_of(request):
+        focal = request.preset.at(*state).focal_length_mm
+        by_focal.setdefault(focal, []).append(state)
+    frame = request.frame
+    width, height = frame.area_mm
+    distortions, tcas, vignettings, nearness, lens = [], [], [], [], None
+    for states in by_focal.values():
+        one = replace(request, state=max(states, key=_focus))
+        lens = one.lens()
+        distortion, tca, parts = _fitted_maps(one, lens)
+        distortions.append(distortion)
+        tcas += tca
+        nearness += parts
+        for state in states:
+            found, parts = _fitted_vignettings(replace(request, state=state))
+            vignettings += found
+            nearness += parts
+    assert lens is not None
+    x, y = principal_point(lens)
+    half_short = min(width, height) / 2
+    made = LensfunLens(
+        maker="lensfit",
+        model=printable(" ".join(request.preset.lens.name.split())),
+        crop_factor=FULL_FRAME_DIAGONAL_MM / math.hypot(width, height),
+        aspect_ratio=max(width, height) / min(width, height),
+        distortions=tuple(distortions),
+        tcas=tuple(tcas),
+        vignettings=tuple(vignettings),
+        centre=(x / half_short, y / half_short),
+    )
+    comments = (
+        lens_description(request, lens),
+        *(str(f) for f in nearness),
+        f"over {frame}",
+    )
+    write_text_atomic(request.out, lensfun_text(made, comments))
+    result = export_result(
+        request, lens, tuple(nearness), has_colour=True, has_light=bool(vignettings)
+    )
+    notes = _export_notes(request, by_focal, distortions)
+    return Exported(result.paths, result.nearness, (*result.notes, *notes))
+
+
+def _export_notes(
+    request: ExportRequest,
+    by_focal: dict[float, list[WantedState]],
+    distortions: list[LensfunDistortion],
+) -> list[str]:
+    notes = ["lensfun's file states no principal distance: version 0.3 would refuse it"]
+    if any(d.model == "ptlens" for d in distortions):
+        notes.append(
+            "versions of lensfun read ptlens differently: 0.3 leaves the corrected "
+            "picture magnified by 1 - a - b - c"
+        )
+    if any(len(states) > 1 for states in by_focal.values()):
+        notes.append(
+            "lensfun knows no focus distance: distortion and lateral colour are those "
+            "at the farthest"
+        )
+    points = {e.projection.principal_point_mm for e in request.preset.entries}
+    if len(by_focal) > 1 and len(points) > 1:
+        notes.append(
+            "lensfun has one centre for all focal lengths: the longest's is written"
+        )
+    return notes
+
+
+def _focus(state: WantedState) -> float:
+    return state.focus_distance_mm or 0.0
+
+
+def _fitted_maps(
+    request: ExportRequest, lens: Lens
+) -> tuple[LensfunDistortion, list[LensfunTca], list[Nearness]]:
+    fit, judge = samples_pair(lens, request.frame)
+    centre = principal_point(lens)
+    model = fit_lensfun(fit, centre)
+    where = (
+        f" at {lens.focal_length_mm:g} mm" if len(request.preset.entries) > 1 else ""
+    )
+    nearness = [Nearness(f"distortion {model.model}{where}", residual_of(model, judge))]
+    # No real focal length: version 0.3 of the library refuses a file that states one.
+    distortion = LensfunDistortion(lens.focal_length_mm, model.model, model.terms)
+    if not lens.has_lateral_colour:
+        return distortion, [], nearness
+    terms = {}
+    for channel in ("r", "b"):
+        terms[channel], residual = _fitted_tca(
+            lens, judge, channel, model.half_short_mm
+        )
+        nearness.append(Nearness(f"lateral colour of {channel}{where}", residual))
+    tca = LensfunTca(lens.focal_length_mm, terms["r"], terms["b"])
+    return distortion, [tca], nearness
+
+
+def _fitted_tca(lens: Lens, judge: Samples, channel, half_short_mm: float):
+    """v, c, b and how near they are; green lands on the samples' distorted points."""
+
+    def one(points):
+        return lens.distorted_from_undistorted(points, channel)
+
+    landed = in_batches(one, judge.undistorted_mm)
+    centre = principal_point(lens)
+    terms = fit_tca(judge.distorted_mm, landed, half_short_mm, centre)
+    made = tca_channel(judge.distorted_mm, terms, half_short_mm, centre)
+    off = np.linalg.norm(made - landed, axis=-1) / judge.frame.pitch_mm
+    return terms, residual_from(off)
+
+
+def _fitted_vignettings(
+    request: ExportRequest,
+) -> tuple[list[LensfunVignetting], list[Nearness]]:
+    """Of every f-number measured at this state, or of the one requested."""
+    entry = request.preset.select(*request.state).entry
+    stops = [request.state.f_number]
+    if stops == [None]:
+        every = _entry_at(request, entry)
+        stops = [f.f_number for f in every.fall_off if f.f_number is not None]
+    found, nearness = [], []
+    frame = replace(request.frame, overscan_percent=0.0)
+    for f_number in stops:
+        state = request.state._replace(f_number=f_number)
+        lens = request.preset.at(*state)
+        if lens.illumination is None or lens.f_number is None:
+            continue
+        points = frame.grid_mm(65)
+        about = np.linalg.norm(points - np.array(principal_point(lens)), axis=-1)
+        terms, worst = fit_even_polynomial(
+            about / frame.radius_mm, mean_light(lens, points)
+        )
+        distance = m_from_mm(lens.focus_distance_mm or math.inf)
+        found.append(
+            LensfunVignetting(
+                lens.focal_length_mm, lens.f_number, min(distance, _FAR_M), terms
+            )
+        )
+        name = f"fall-off f/{lens.f_number:g} at {state_name(lens)}"
+        nearness.append(Nearness(name, worst_light=worst))
+    return found, nearness
+
+
+def _entry_at(request: ExportRequest, chosen: Entry) -> Entry:
+    """The preset's own entry nearest to a selected one, with all its fall-offs."""
+
+    def apart(entry: Entry) -> tuple[float, float]:
+        focus, wanted = entry.focus_distance_mm, chosen.focus_distance_mm
+        off = 0.0 if focus is None or wanted is None else abs(1 / focus - 1 / wanted)
+        return abs(entry.focal_length_mm - chosen.focal_length_mm), off
+
+    return min(request.preset.entries, key=apart)

@@ -12,8 +12,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from lensfit.errors import ExchangeError
 from lensfit.exchange.lensfun import DistortionModel, centre_magnification
-from lensfit.exchange.text_file import finite_number, positive_number
-from lensfit.exchange.xml_tree import Element, read_xml
+from lensfit.exchange.text_file import Element, finite_number, positive_number, read_xml
 from lensfit.printable import printable
 
 _KIND = "lensfun database"

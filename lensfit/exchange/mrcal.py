@@ -47,9 +47,9 @@ from lensfit.exchange.foreign import (
     ForeignLens,
     Points,
     StatedValues,
+    inverse_points,
     lens_of_camera,
 )
-from lensfit.exchange.inverse import inverse_points
 from lensfit.exchange.opencv import OpenCvMap
 from lensfit.exchange.samples import Residual, Samples, residual_of
 from lensfit.exchange.text_file import (

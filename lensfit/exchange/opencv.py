@@ -29,15 +29,21 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import ForeignLens, Points, StatedValues, lens_of_camera
-from lensfit.exchange.inverse import inverse_points
+from lensfit.exchange.foreign import (
+    ForeignLens,
+    Points,
+    StatedValues,
+    inverse_points,
+    lens_of_camera,
+)
 from lensfit.exchange.text_file import (
+    Element,
     finite_number,
     picture_size,
     positive_number,
     read_text,
+    read_xml,
 )
-from lensfit.exchange.xml_tree import Element, read_xml
 
 COUNTS = (4, 5, 8, 12, 14)
 """How many coefficients a file may hold."""

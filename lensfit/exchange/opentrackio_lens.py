@@ -1,18 +1,33 @@
-"""The lens that OpenTrackIO samples describe, in lensfit's units.
+"""A lens from OpenTrackIO samples, in lensfit's units, and to samples.
 
 Millimetres on the sensor, x right, y down, origin at its centre.
 Source: camdkit's lens types and schema (SMPTE RIS), OpenLensIO 1.0.1.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Array
 
+from lensfit.atomic import write_text_atomic
+from lensfit.coords import Window
 from lensfit.errors import ExchangeError
-from lensfit.exchange.brown_conrady import D_U, BrownMap
+from lensfit.exchange.brown_conrady import D_U, U_D, fit_brown
+from lensfit.exchange.export_request import (
+    Exported,
+    ExportRequest,
+    Nearness,
+    export_result,
+    lens_description,
+    mean_light,
+    principal_point,
+    samples_pair,
+    state_name,
+    states_of,
+)
 from lensfit.exchange.foreign import (
     ForeignFallOff,
     ForeignLens,
@@ -22,52 +37,17 @@ from lensfit.exchange.foreign import (
     StatedValues,
     assumed_size_px,
 )
-
-
-@dataclass(frozen=True)
-class ColourShift:
-    """Where a channel lands against green, as `lensfit.preset.blocks.ChannelShift`."""
-
-    reference_radius_mm: float
-    valid_radius: float
-    shift_mm: tuple[float, float]
-    strain: tuple[float, float]
-    decentering: tuple[float, float]
-    radial: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class LensSample:
-    """The lens and camera of one sample.
-
-    Attributes
-    ----------
-    distortions : One or both directions, about the same centre.
-    projection_offset_mm : dP.
-    falloff : a1, a2, a3; empty when there is none.
-    nominal_focal_length_mm : As on the barrel, or None.
-    is_prime : Whether the standard's field for that may be used: a zoom has none.
-    overscan : Factor (>= 1) that holds the undistorted frame; None when not stated.
-    colour : "r" and "b", or empty.
-    """
-
-    name: str
-    sensor_size_mm: tuple[float, float] | None
-    size_px: tuple[int, int] | None
-    distortions: tuple[BrownMap, ...]
-    projection_offset_mm: tuple[float, float]
-    pinhole_focal_length_mm: float
-    nominal_focal_length_mm: float | None = None
-    is_prime: bool = True
-    focus_distance_mm: float | None = None
-    f_number: float | None = None
-    entrance_pupil_offset_mm: float | None = None
-    falloff: tuple[float, ...] = ()
-    overscan: float | None = None
-    serial: str | None = None
-    camera_model: str | None = None
-    colour: Mapping[str, ColourShift] = field(default_factory=dict)
-    history: tuple[str, ...] = ()
+from lensfit.exchange.lensfun import (
+    fit_even_polynomial,
+)
+from lensfit.exchange.opentrackio import ColourShift, LensSample, opentrackio_text
+from lensfit.exchange.samples import (
+    ExchangeFrame,
+    residual_of,
+)
+from lensfit.lens import Lens
+from lensfit.optics.lateral import ChannelShift
+from lensfit.rendering.uv import overscan_needed
 
 
 def lens_of_opentrackio(
@@ -164,3 +144,95 @@ def _channel_from_green(
     moved[:, 0] += s1 * x + s2 * y + d1 * 2 * x * y + d2 * (r2 + 2 * x * x)
     moved[:, 1] += s2 * x - s1 * y + d1 * (r2 + 2 * y * y) + d2 * 2 * x * y
     return green_mm + np.array(shift.shift_mm) + moved * shift.reference_radius_mm
+
+
+def export_opentrackio(request: ExportRequest) -> Exported:
+    """A sample for each entry, or for the one requested."""
+    samples, nearness, lens = [], [], None
+    for state in states_of(request):
+        one = replace(request, state=state)
+        lens = one.lens()
+        sample, parts = _fitted_sample(one, lens)
+        samples.append(sample)
+        nearness += parts
+    assert lens is not None
+    write_text_atomic(request.out, opentrackio_text(tuple(samples)))
+    return export_result(
+        request, lens, tuple(nearness), has_colour=True, has_light=True
+    )
+
+
+def _fitted_sample(
+    request: ExportRequest, lens: Lens
+) -> tuple[LensSample, list[Nearness]]:
+    fit, judge = samples_pair(lens, request.frame)
+    centre = principal_point(lens)
+    both = tuple(fit_brown(model, fit, centre) for model in (D_U, U_D))
+    where = f" at {state_name(lens)}" if len(request.preset.entries) > 1 else ""
+    nearness = [
+        Nearness(f"distortion {one.model[-3:]}{where}", residual_of(one, judge))
+        for one in both
+    ]
+    falloff = ()
+    if lens.illumination is not None:
+        falloff, worst = _fitted_fall_off(lens, request.frame)
+        nearness.append(Nearness(f"fall-off{where}", worst_light=worst))
+    camera = request.preset.camera
+    needed = overscan_needed(
+        lens,
+        Window.of_size(*request.frame.size_px),
+        sensor_width_mm=request.frame.sensor_width_mm,
+    )
+    focals = {e.focal_length_mm for e in request.preset.entries}
+    return LensSample(
+        name=request.preset.lens.name,
+        serial=request.preset.lens.serial,
+        camera_model=camera.model,
+        sensor_size_mm=request.frame.area_mm,
+        size_px=request.frame.size_px,
+        distortions=both,
+        projection_offset_mm=centre,
+        pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
+        nominal_focal_length_mm=lens.focal_length_mm,
+        is_prime=len(focals) == 1,
+        focus_distance_mm=lens.focus_distance_mm,
+        f_number=lens.f_number,
+        entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
+        falloff=falloff,
+        overscan=max(1.0, needed.factor),
+        colour=_colour_shifts(lens),
+        history=(lens_description(request, lens),),
+    ), nearness
+
+
+def _colour_shifts(lens: Lens) -> dict[str, ColourShift]:
+    if lens.lateral_colour is None:
+        return {}
+    radius = float(lens.distortion.reference_radius_mm)
+
+    def pair(values: Array) -> tuple[float, float]:
+        x, y = np.asarray(values).tolist()
+        return x, y
+
+    def shift(one: ChannelShift) -> ColourShift:
+        return ColourShift(
+            radius,
+            float(one.valid_radius),
+            pair(one.shift_mm),
+            pair(one.strain),
+            pair(one.decentering),
+            tuple(np.asarray(one.radial).tolist()),
+        )
+
+    red, blue = lens.lateral_colour
+    return {"r": shift(red), "b": shift(blue)}
+
+
+def _fitted_fall_off(
+    lens: Lens, frame: ExchangeFrame
+) -> tuple[tuple[float, ...], float]:
+    points = replace(frame, overscan_percent=0.0).grid_mm(65)
+    k, worst = fit_even_polynomial(
+        np.linalg.norm(points, axis=-1), mean_light(lens, points)
+    )
+    return tuple(-v for v in k), worst

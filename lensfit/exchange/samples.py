@@ -19,8 +19,7 @@ from scipy.optimize import least_squares
 from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px, px_from_mm
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import PointMap, Points
-from lensfit.exchange.inverse import is_folded
+from lensfit.exchange.foreign import PointMap, Points, is_folded
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
@@ -169,9 +168,7 @@ class Samples:
         return cls(frame, distorted, undistorted, slope)
 
 
-def residual_of(
-    model: PointMap, samples: Samples, channel: str | None = None
-) -> Residual:
+def residual_of(model: PointMap, samples: Samples) -> Residual:
     """How far `model` puts the samples from where they are.
 
     Raises
@@ -183,7 +180,7 @@ def residual_of(
     if folded or not np.isfinite(landed).all():
         raise ExchangeError(
             "the other model turns over inside the frame, so that it cannot be undone",
-            where=channel or str(samples.frame),
+            where=str(samples.frame),
             remedy="use less overscan, another model, or UV maps",
         )
     off = np.linalg.norm(landed - samples.distorted_mm, axis=-1)

@@ -18,10 +18,9 @@ from jaxtyping import Float32
 from lensfit import __version__
 from lensfit.coords import Window
 from lensfit.errors import OutputError
-from lensfit.io.lens_attributes import lens_attributes
+from lensfit.io.exr_attributes import lens_attributes
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
-from lensfit.preset.scaled_look import UNSCALED, ScaledLook
-from lensfit.preset.spanned_width import spanned_width_note
+from lensfit.preset.scaled_look import UNSCALED, ScaledLook, spanned_width_note
 from lensfit.progress import Progress, silent
 from lensfit.rendering.overscan import (
     Margins,

@@ -34,11 +34,15 @@ from lensfit.exchange.export_request import (
     principal_point,
     samples_pair,
 )
-from lensfit.exchange.foreign import ForeignLens, ForeignState, Points, StatedValues
-from lensfit.exchange.inverse import inverse_points
+from lensfit.exchange.foreign import (
+    ForeignLens,
+    ForeignState,
+    Points,
+    StatedValues,
+    inverse_points,
+)
 from lensfit.exchange.samples import Samples, residual_of
-from lensfit.exchange.text_file import finite_number
-from lensfit.exchange.xml_tree import Element, read_xml
+from lensfit.exchange.text_file import Element, finite_number, read_xml
 from lensfit.printable import printable
 
 _KIND = "SynthEyes lens information"

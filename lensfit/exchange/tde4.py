@@ -32,8 +32,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.exchange.foreign import Points
-from lensfit.exchange.inverse import inverse_points
+from lensfit.exchange.foreign import Points, inverse_points
 from lensfit.exchange.samples import Samples, fit_undistorting
 
 RADIAL = "LD_3DE4_Radial_Standard_Degree_4"

@@ -129,15 +129,13 @@ def tde4_node_text(
     focus_distance_mm: float | None,
     name: str,
     label: str,
-    direction: str = "undistort",
 ) -> str:
-    """The node as script text, with what it is as comment and label.
+    """The node that undistorts, as script text, with what it is as comment and label.
 
     Parameters
     ----------
     focal_length_mm : Of the pinhole of the undistorted picture.
     label : What the artist should know, in lines.
-    direction : "undistort" or "distort".
     """
     width, height = model.filmback_mm
     camera = {
@@ -150,7 +148,7 @@ def tde4_node_text(
         "tde4_pixel_aspect": model.pixel_aspect,
     }
     values = camera | (KNOBS[model.model] | dict(model.knobs))
-    knobs = {"direction": direction}
+    knobs = {"direction": "undistort"}
     knobs |= {k: repr(float(v)) for k, v in values.items()}
     knobs |= {f"field_of_view_{k}_unit": repr(v) for k, v in _FIELD_OF_VIEW.items()}
     knobs |= {"name": re.sub(r"\W+", "_", name) or "lens", "label": quoted(label)}

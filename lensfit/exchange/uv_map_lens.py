@@ -14,8 +14,13 @@ from scipy.interpolate import RectBivariateSpline
 
 from lensfit.coords import Window, mm_from_px, px_from_mm, px_from_uv
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import ForeignLens, ForeignState, Points, StatedValues
-from lensfit.exchange.inverse import inverse_points
+from lensfit.exchange.foreign import (
+    ForeignLens,
+    ForeignState,
+    Points,
+    StatedValues,
+    inverse_points,
+)
 from lensfit.io.stmap import Stmap, read_stmap
 
 _MM_PER_M = 1000.0

@@ -14,10 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
-from lensfit.coords import Window
+from lensfit.coords import Window, pixels_over_window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.windows import pixels_over_window
 from lensfit.units import MILLIMETRES_PER_INCH, MILLIMETRES_PER_METRE
 
 DepthKind = Literal["perpendicular", "ray", "inverse", "normalised"]

@@ -25,16 +25,15 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.bounded import refuse_pipe
+from lensfit.coords import pixels_over_window
 from lensfit.errors import ImageError
 from lensfit.io.decoded_size import PHOTOGRAPH_BYTES_PER_PX
-from lensfit.io.exr import read_exr
+from lensfit.io.exr import find_colour, read_exr, stack_channels
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
-from lensfit.io.exr_layers import find_colour, stack_channels
 from lensfit.io.metadata import CameraState, camera_state_from
 from lensfit.io.raster import Raster, read_raster, tiff_header, upright_pixels
 from lensfit.io.raw import RAW_SUFFIXES, read_raw
 from lensfit.io.transfer import decode, encode, transfer_of
-from lensfit.io.windows import pixels_over_window
 from lensfit.mosaic import Mosaic, filled_in, letters_of, mosaic_of
 from lensfit.photograph import Photograph
 

@@ -1,23 +1,191 @@
 """The camera state in a header: focal length, stop, focus, sensor.
 
-`lensfit.io.camera.aliases` names every header entry that is understood, and a settings
-file may name more. A header may state a quantity twice; the better entry counts, and
-the others are kept, since they may contradict it.
+`lensfit.io.camera.header_entries` names every header entry that is understood, and a
+settings file may name more. A header may state a quantity twice; the better entry
+counts, and the others are kept, since they may contradict it.
 
 Focus distances in headers are metres, for the standard ``focus`` and for ``lens/focus``
 alike. ``lens/aperture`` is the horizontal sensor size; the standard ``aperture`` is the
 f-number. EXIF writes 0 for what it does not know, which counts as missing here.
+
+Some entries give both sides of the sensor. ``sensorPhotositePitch`` and
+``sensorAcquisitionRectangle`` (OpenEXR 3.2) give the area that was recorded.
+``sensorOverallDimensions`` is the light-sensitive area of the whole sensor, independent
+of that, and no size of the picture. EXIF gives the pixels per unit on the sensor, or
+only the focal length that has the same diagonal angle on 36 x 24 mm (CIPA DCG-001), in
+whole millimetres. Sizes are millimetres, width first.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
+import numpy as np
+
 from lensfit.errors import ImageError
-from lensfit.io.camera.aliases import ALIASES, Alias
+from lensfit.io.camera.header_entries import (
+    ALIASES,
+    Alias,
+    entry_quantity,
+    entry_text,
+    impossible_value_error,
+    is_entry_of_alias,
+    number_in,
+)
 from lensfit.io.camera.quantity import TEXTS
-from lensfit.io.header_entry import entry_quantity, entry_text, is_entry_of_alias
-from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_size
+from lensfit.units import MILLIMETRES_PER_INCH
+
+_DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
+_EXIF_UNIT_MM: dict[object, float] = {
+    2: MILLIMETRES_PER_INCH,
+    3: 10.0,
+    4: 1.0,
+    5: 0.001,
+}
+_EXIF_TURNED = (5, 6, 7, 8)
+
+
+class SensorSize(NamedTuple):
+    """Width and height, and the entries that told them.
+
+    Attributes
+    ----------
+    size_mm : An error in its place where the entries hold what cannot be.
+    """
+
+    size_mm: tuple[float, float] | ImageError
+    source: str
+
+
+RECORDED = ("sensorPhotositePitch", "sensorAcquisitionRectangle")
+"""Entries that state the recorded area together."""
+WHOLE_SENSOR = "sensorOverallDimensions"
+
+
+def recorded_size(header: Mapping[str, object]) -> SensorSize | None:
+    """The area that was recorded, by the standard's attributes; None if not stated."""
+    if not set(RECORDED) <= header.keys():
+        return None
+    return _size_of_entries(" x ".join(RECORDED), _from_photosites, header, RECORDED)
+
+
+def whole_sensor_mm(header: Mapping[str, object]) -> tuple[float, float] | None:
+    """Width and height of the whole sensor, whatever part of it was recorded; None if
+    the header does not state them."""
+    if WHOLE_SENSOR not in header:
+        return None
+    found = _size_of_entries(
+        WHOLE_SENSOR, _from_overall_dimensions, header, (WHOLE_SENSOR,)
+    )
+    return None if isinstance(found.size_mm, ImageError) else found.size_mm
+
+
+def exif_sizes(
+    header: Mapping[str, object],
+    size_px: tuple[int, int] | None,
+    focal_length_mm: float | None,
+) -> list[SensorSize]:
+    """By EXIF, the better one first.
+
+    Parameters
+    ----------
+    size_px : Of the upright picture; nothing is known without it.
+    focal_length_mm : That the 35 mm equivalent stands beside.
+    """
+    if size_px is None:
+        return []
+    candidates = []
+    try:
+        candidates.append(_from_focal_plane_resolution(header, size_px))
+    except ImageError as error:
+        candidates.append(SensorSize(error, "FocalPlaneXResolution"))
+    try:
+        candidates.append(_from_35mm_equivalent(header, focal_length_mm, size_px))
+    except ImageError as error:
+        candidates.append(SensorSize(error, "FocalLengthIn35mmFilm"))
+    return [candidate for candidate in candidates if candidate is not None]
+
+
+def _size_of_entries(
+    source: str,
+    read: Callable[..., tuple[float, float]],
+    header: Mapping[str, object],
+    keys: tuple[str, ...],
+) -> SensorSize:
+    try:
+        width, height = read(header, *keys)
+        if not all(0 < side < math.inf for side in (width, height)):
+            raise impossible_value_error(
+                source, (width, height), "two lengths above zero"
+            )
+    except ImageError as error:
+        return SensorSize(error, source)
+    return SensorSize((float(f"{width:.7g}"), float(f"{height:.7g}")), source)
+
+
+def _from_photosites(
+    header: Mapping[str, object], pitch: str, box: str
+) -> tuple[float, float]:
+    pitch_mm = number_in(pitch, header[pitch]) / 1000
+    try:
+        (x_min, y_min), (x_max, y_max) = header[box]  # pyright: ignore
+        size = (int(x_max) - int(x_min) + 1, int(y_max) - int(y_min) + 1)
+    except (TypeError, ValueError, OverflowError):
+        raise impossible_value_error(box, header[box], "a box of photosites") from None
+    return pitch_mm * size[0], pitch_mm * size[1]
+
+
+def _from_overall_dimensions(
+    header: Mapping[str, object], key: str
+) -> tuple[float, float]:
+    try:
+        width, height = np.asarray(header[key], float)
+        return float(width), float(height)
+    except (TypeError, ValueError, OverflowError):
+        raise impossible_value_error(key, header[key], "a width and a height") from None
+
+
+def _from_focal_plane_resolution(
+    header: Mapping[str, object], size_px: tuple[int, int]
+) -> SensorSize | None:
+    """Pixels per unit on the sensor, for the picture as the camera stored it."""
+    keys = ("FocalPlaneXResolution", "FocalPlaneYResolution")
+    if not set(keys) <= header.keys():
+        return None
+    unit_mm = _EXIF_UNIT_MM.get(header.get("FocalPlaneResolutionUnit", 2), 25.4)
+    pixels_per_mm = [number_in(key, header[key]) / unit_mm for key in keys]
+    if not all(0 < p < math.inf for p in pixels_per_mm):
+        return None
+    turned = header.get("Orientation") in _EXIF_TURNED
+    now = size_px[::-1] if turned else size_px
+    then = ("ExifImageWidth", "ExifImageHeight")
+    stored = [
+        number_in(k, header.get(k, n)) or n for k, n in zip(then, now, strict=True)
+    ]
+    sides = [n / p for n, p in zip(stored, pixels_per_mm, strict=True)]
+    if turned:
+        sides.reverse()
+    return SensorSize(
+        (float(f"{sides[0]:.6g}"), float(f"{sides[1]:.6g}")), " ".join(keys)
+    )
+
+
+def _from_35mm_equivalent(
+    header: Mapping[str, object],
+    focal_length_mm: float | None,
+    size_px: tuple[int, int],
+) -> SensorSize | None:
+    key = "FocalLengthIn35mmFilm"
+    if focal_length_mm is None or key not in header:
+        return None
+    equivalent_mm = number_in(key, header[key])
+    if not 0 < equivalent_mm < math.inf:
+        return None
+    diagonal_mm = _DIAGONAL_35MM_MM * focal_length_mm / equivalent_mm
+    scale = diagonal_mm / math.hypot(*size_px)
+    width, height = (float(f"{scale * side:.4g}") for side in size_px)
+    return SensorSize((width, height), key)
 
 
 @dataclass(frozen=True)
@@ -111,16 +279,12 @@ def camera_words(
 def camera_state_from(
     header: Mapping[str, object],
     size_px: tuple[int, int] | None = None,
-    aliases: Mapping[str, Sequence[Alias]] | None = None,
-    known_better: Collection[str] = (),
 ) -> CameraState:
     """The camera state that a header describes.
 
     Parameters
     ----------
-    header, size_px, aliases : As `camera_words` takes them.
-    known_better : Fields that somebody else tells: an impossible entry of theirs is
-        passed over.
+    header, size_px : As `camera_words` takes them.
 
     Raises
     ------
@@ -129,13 +293,11 @@ def camera_state_from(
     """
     values: dict[str, float | str] = {}
     sources: dict[str, str] = {}
-    for name, words in camera_words(header, size_px, aliases).items():
-        for value, entry, _ in words:
-            if not isinstance(value, ImageError):
-                values[name], sources[name] = value, entry
-                break
-            if name not in known_better:
-                raise value
+    for name, words in camera_words(header, size_px).items():
+        value, entry, _ = words[0]
+        if isinstance(value, ImageError):
+            raise value
+        values[name], sources[name] = value, entry
     return CameraState(**values, sources=sources)  # pyright: ignore[reportArgumentType]
 
 

@@ -171,21 +171,15 @@ def _in_item(item: str, text: str, number: int) -> bool:
     return {"x": on_step, "y": not on_step}.get(match[3] or "x", True)
 
 
-def output_path(
-    source: str | Path, folder: str | Path, suffix: str | None = None
-) -> Path:
+def output_path(source: str | Path, folder: str | Path) -> Path:
     """Where the result for a picture goes: its own name, in another folder.
-
-    Parameters
-    ----------
-    suffix : Another file type, such as ".png".
 
     Raises
     ------
     OutputError : The result would replace its own source.
     """
     source = Path(source)
-    path = Path(folder) / (source.name if suffix is None else source.stem + suffix)
+    path = Path(folder) / source.name
     if path.resolve() == source.resolve():
         raise OutputError(
             "would replace its own source", where=path, remedy="choose another folder"

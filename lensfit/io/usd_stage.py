@@ -15,6 +15,9 @@ from lensfit.units import MILLIMETRES_PER_METRE
 
 STARTS = (b"#usda", b"PXR-USDC")
 """How files of USD begin; packed ones (``.usdz``) are archives."""
+USD_NOMINAL = "lensfit:nominalFocalLengthMm"
+"""What lensfit writes beside USD's own attributes of a camera: focal length as on the
+zoom ring, mm. A preset goes by it, and USD has no attribute for it."""
 _MOST_BYTES = 1 << 28
 
 

@@ -32,7 +32,7 @@ from lensfit.io.depth_channel import (
     without_nan,
 )
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.plate.header import header_entries
+from lensfit.plate.plate_file import header_entries
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.uv import PlateGeometry
 from lensfit.units import MILLIMETRES_PER_METRE

@@ -17,8 +17,7 @@ from lensfit.io.cryptomatte import (
 )
 from lensfit.io.depth_channel import depth_over_window
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.plate.cut_out import CutOut, cut_out
-from lensfit.plate.rest_of_plate import RANKS
+from lensfit.plate.cut_out import RANKS, CutOut, cut_out
 from lensfit.rendering.layer_stack import Mattes
 
 _OBJECTS, _REST = 1, 2

@@ -37,7 +37,7 @@ from lensfit.optics.aberration import Aberration
 from lensfit.optics.modes import radial_polynomial
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 from lensfit.optics.terms import Term
-from lensfit.preset.aberration_knobs import AberrationKnobs
+from lensfit.preset.knob_groups import AberrationKnobs
 
 Terms = dict[Term, Float[np.ndarray, "3"]]
 """Coefficient of each term, um: in green, and its linear and quadratic change."""
@@ -77,7 +77,7 @@ def adjusted_aberration(
     edge_mm : Edge of the field, from the principal point.
     """
     terms, edge = _terms_of(aberration), edge_mm / float(aberration.field_radius_mm)
-    for name, is_in, seed in _FAMILIES:
+    for name, is_in, seed in _TERM_GROUPS:
         family = {t: um for t, um in terms.items() if is_in(t)}
         terms |= scaled_terms(family, scale_of(knobs, name), {seed: _ONE}, edge)
     terms |= _adjusted_focal_surfaces(terms, edge, knobs)
@@ -87,7 +87,7 @@ def adjusted_aberration(
 
 
 _ONE = np.array([1.0, 0.0, 0.0])
-_FAMILIES: tuple[tuple[str, Callable[[Term], bool], Term], ...] = (
+_TERM_GROUPS: tuple[tuple[str, Callable[[Term], bool], Term], ...] = (
     ("coma", lambda t: t.order_u == 1, _COMA),
     ("spherical", lambda t: t.order_u == 0 and t.degree > 2, _SPHERICAL),
     (
@@ -98,10 +98,10 @@ _FAMILIES: tuple[tuple[str, Callable[[Term], bool], Term], ...] = (
 )
 
 
-def family_of(aberration: Aberration, name: str) -> Terms:
+def terms_of_group(aberration: Aberration, name: str) -> Terms:
     """What the gain of this name multiplies; nothing where the lens has none of it."""
     found = _terms_of(aberration)
-    own = {family: is_in for family, is_in, _ in _FAMILIES} | {
+    own = {group: is_in for group, is_in, _ in _TERM_GROUPS} | {
         "field_curvature": lambda t: _is_focus(t) and t != FOCUS_ON_AXIS,
         "astigmatism_sagittal": _is_astigmatism,
         "astigmatism_tangential": _is_astigmatism,

@@ -29,7 +29,7 @@ from lensfit.errors import ImageError
 from lensfit.io.image import read_photograph
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.transmission import SIZES_PX, Transmission
-from lensfit.preset.bokeh_knobs import BokehKnobs
+from lensfit.preset.knob_groups import BokehKnobs
 from lensfit.psf.lens_blur import LensBlur
 
 _SLIVER, _GAINS = 0.4, 65

@@ -30,8 +30,8 @@ from lensfit.lens import Lens
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.many_points import undistort
 from lensfit.optics.pupil import Pupil
-from lensfit.preset.aberration_knobs import AberrationKnobs
-from lensfit.preset.fall_off_control import (
+from lensfit.preset.knob_groups import AberrationKnobs
+from lensfit.preset.predicted_fall_off import (
     control_of,
     loss_of,
     pupil_loss,

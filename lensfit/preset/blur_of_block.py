@@ -8,12 +8,24 @@ apart, and the logarithm of the squeeze. Nothing else is converted.
 follows its f-number, corrected by interpolation between the photographed stops. A focus
 distance that was not photographed is reached by first-order optics: the image plane
 moves as if the whole lens did (unit focusing).
+
+Any number of a block can be changed by its name, which is the path to it in the file.
+In lists whose order means nothing, a member is named by its identity: a term of the
+aberration function by part, degree, order, field degree and field order, a stop by its
+f-number:
+
+    focus_offset_mm
+    pupil.rims[0].shift[1]
+    aberrations[re 3 1 1 1].um
+    stops[f/2.8].radius_ratio
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
 
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 
 from lensfit.optics.aberration import Aberration
@@ -25,10 +37,72 @@ from lensfit.optics.paraxial import (
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.spectrum import CENTRES_NM, WIDTHS_NM, bands
 from lensfit.optics.terms import Term
-from lensfit.preset import blur_blocks as blocks
+from lensfit.preset import blocks
 from lensfit.preset.entry import Entry
 from lensfit.preset.photographed_stops import radius_ratio
 from lensfit.psf.lens_blur import LensBlur
+
+_TERM = ("part", "degree", "order", "field_degree", "field_order")
+
+
+def numbers_of(blur: blocks.Blur) -> dict[str, float]:
+    """Every number of a block that is no count, by its name."""
+    return dict(_numbers(_tables(blur), ""))
+
+
+def with_moves(blur: blocks.Blur, moves: Mapping[str, float]) -> blocks.Blur:
+    """The block with some numbers moved; a name that it lacks moves nothing.
+
+    Raises
+    ------
+    ValueError : A number leaves the range it may have.
+    """
+    moved = _mapped(_tables(blur), "", lambda name, v: v + float(moves.get(name, 0.0)))
+    try:
+        found = msgspec.convert(moved, blocks.Blur)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"no blur can be so: {error}") from error
+    return msgspec.structs.replace(found, uncertainty=blur.uncertainty)
+
+
+def _tables(blur: blocks.Blur) -> dict[str, Any]:
+    return msgspec.to_builtins(msgspec.structs.replace(blur, uncertainty=None))
+
+
+def _numbers(value: Any, name: str) -> Iterator[tuple[str, float]]:
+    for inner, item in _inside(value, name):
+        if isinstance(item, float) and math.isfinite(item):
+            yield inner, item
+        else:
+            yield from _numbers(item, inner)
+
+
+def _mapped(value: Any, name: str, change: Callable[[str, float], float]) -> Any:
+    if isinstance(value, float):
+        return change(name, value)
+    items = [_mapped(item, inner, change) for inner, item in _inside(value, name)]
+    if isinstance(value, dict):
+        return dict(zip(value, items, strict=True))
+    return items if isinstance(value, (list, tuple)) else value
+
+
+def _inside(value: Any, name: str) -> list[tuple[str, Any]]:
+    """Name and value of everything in a table or a list; nothing in anything else."""
+    if isinstance(value, dict):
+        dot = "." if name else ""
+        return [(f"{name}{dot}{key}", item) for key, item in value.items()]
+    if isinstance(value, (list, tuple)):
+        return [(f"{name}[{_key(k, item)}]", item) for k, item in enumerate(value)]
+    return []
+
+
+def _key(index: int, item: Any) -> str:
+    if isinstance(item, dict) and "field_degree" in item:
+        return " ".join(str(item[key]) for key in _TERM)
+    if isinstance(item, dict) and "f_number" in item:
+        return f"f/{item['f_number']:g}"
+    return str(index)
+
 
 ROUND_SLACK = 1.02
 """Blades show above this times the widest round f-number."""
@@ -49,7 +123,7 @@ def blur_block(
     assumed: tuple[str, ...] = (),
     beyond_offset_mm: float | None = None,
 ) -> blocks.Blur:
-    """The block that describes this optics in a file; see `blur_blocks.Blur`."""
+    """The block that describes this optics in a file; see `blocks.Blur`."""
     return blocks.Blur(
         aberrations=_terms_of(aberration),
         field_radius_mm=float(aberration.field_radius_mm),
@@ -75,12 +149,12 @@ def aberration_of(blur: blocks.Blur) -> Aberration:
     coloured = [t for t in blur.aberrations if t.um_by_colour]
     colour = [(*t.um_by_colour, 0.0)[:_COLOURS] for t in coloured]
     return Aberration(
-        coefficients_um=_numbers([t.um for t in blur.aberrations]),
-        colour_um=_numbers(colour).reshape(-1, _COLOURS).T,
-        field_radius_mm=_numbers(blur.field_radius_mm),
-        reference_sine=_numbers(blur.reference_sine),
-        exit_pupil_distance_mm=_numbers(blur.exit_pupil_distance_mm),
-        chief_bend=_numbers(blur.chief_bend),
+        coefficients_um=_array([t.um for t in blur.aberrations]),
+        colour_um=_array(colour).reshape(-1, _COLOURS).T,
+        field_radius_mm=_array(blur.field_radius_mm),
+        reference_sine=_array(blur.reference_sine),
+        exit_pupil_distance_mm=_array(blur.exit_pupil_distance_mm),
+        chief_bend=_array(blur.chief_bend),
         terms=terms,
         colour_terms=tuple(_term(t) for t in coloured),
     )
@@ -89,13 +163,13 @@ def aberration_of(blur: blocks.Blur) -> Aberration:
 def pupil_of(pupil: blocks.Pupil, *, bladed: bool = True) -> Pupil:
     """The opening of a block; without its blades where the stop is wide open."""
     return Pupil(
-        rim_shift=_numbers([rim.shift for rim in pupil.rims]).reshape(-1, 2),
-        rim_radius=_numbers([rim.radius for rim in pupil.rims]).reshape(-1, 2),
-        stop_shift=_numbers(pupil.stop_shift),
-        stretch=_numbers([pupil.stretch_along, pupil.stretch_across]),
-        squeeze=_numbers(math.log(pupil.squeeze)),
-        blade_rotation_rad=_numbers(pupil.blade_rotation_rad),
-        blade_curvature=_numbers(pupil.blade_curvature),
+        rim_shift=_array([rim.shift for rim in pupil.rims]).reshape(-1, 2),
+        rim_radius=_array([rim.radius for rim in pupil.rims]).reshape(-1, 2),
+        stop_shift=_array(pupil.stop_shift),
+        stretch=_array([pupil.stretch_along, pupil.stretch_across]),
+        squeeze=_array(math.log(pupil.squeeze)),
+        blade_rotation_rad=_array(pupil.blade_rotation_rad),
+        blade_curvature=_array(pupil.blade_curvature),
         blades=pupil.blades if bladed else 0,
     )
 
@@ -114,23 +188,23 @@ def lens_blur(
     blur, projection = entry.blur, entry.projection
     if blur is None:
         raise ValueError("the entry has no blur")
-    reference = _numbers(blur.reference_distance_mm)
+    reference = _array(blur.reference_distance_mm)
     held_mm = measured_focus_mm or blur.reference_distance_mm
     focus_mm = entry.focus_distance_mm or held_mm
     first_order = first_order_of(
-        _numbers(projection.principal_distance_mm),
-        _numbers(blur.pupil_magnification),
-        _numbers(projection.entrance_pupil_offset_mm),
-        _numbers(held_mm),
+        _array(projection.principal_distance_mm),
+        _array(blur.pupil_magnification),
+        _array(projection.entrance_pupil_offset_mm),
+        _array(held_mm),
     )
     # A focus that nobody stated is what the offset measures; a stated one replaces it.
     stated = measured_focus_mm is None and entry.focus_distance_mm is not None
     beyond = 0.0 if stated else blur.focus_offset_mm
-    nominal = rim_sine(first_order, _numbers(f_number), reference)
+    nominal = rim_sine(first_order, _array(f_number), reference)
     ratio = radius_ratio(blur.stops, f_number) / blur.reference_sine
     bladed = f_number > ROUND_SLACK * blur.round_f_number
     along_y = section_ratio(entry) if blur.beyond_offset_mm is not None else 1.0
-    defocus = defocus_mm(first_order, _numbers(focus_mm), reference)
+    defocus = defocus_mm(first_order, _array(focus_mm), reference)
     return LensBlur(
         aberration=aberration_of(blur),
         pupil=pupil_of(blur.pupil, bladed=bladed),
@@ -141,7 +215,7 @@ def lens_blur(
         bands=bands(3, blur.band_centres_nm, blur.band_widths_nm),
         beyond_mm=None
         if blur.beyond_offset_mm is None
-        else _numbers(blur.beyond_offset_mm),
+        else _array(blur.beyond_offset_mm),
     )
 
 
@@ -193,7 +267,7 @@ def _term(term: blocks.AberrationTerm) -> Term:
     return Term(term.degree, term.order, term.field_degree, term.field_order, term.part)
 
 
-def _numbers(values):
+def _array(values):
     return jnp.asarray(np.asarray(values, float))
 
 

@@ -10,13 +10,13 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from lensfit.preset.blocks import (
+    Blur,
     Distortion,
     FallOff,
     LateralColour,
     PositiveFloat,
     Projection,
 )
-from lensfit.preset.blur_blocks import Blur
 from lensfit.preset.covariance import Covariance
 
 Count = Annotated[int, Meta(ge=0)]

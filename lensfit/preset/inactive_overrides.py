@@ -13,10 +13,14 @@ import numpy as np
 
 from lensfit.lens import Lens
 from lensfit.optics.lateral import ChannelShift
-from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
-from lensfit.preset.adjusted_aberration import family_of
+from lensfit.preset.adjusted_aberration import terms_of_group
 from lensfit.preset.adjusted_vignetting import photographed_parts
-from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
+from lensfit.preset.knob_groups import (
+    BLUR_TERM_GROUPS,
+    LEAST_BLADES,
+    AberrationKnobs,
+    BokehKnobs,
+)
 
 _GAIN = "_gain"
 _UNITS = {"distortion": "_percent", "vignetting": "_stops"}
@@ -146,11 +150,11 @@ def _has_parts(
 
 
 def _has_aberrations(lens: Lens, knobs: AberrationKnobs) -> dict[str, bool]:
-    return {n: _is_stated(knobs, n) or _is_in(lens, n) for n in BLUR_FAMILIES}
+    return {n: _is_stated(knobs, n) or _is_in(lens, n) for n in BLUR_TERM_GROUPS}
 
 
 def _is_in(lens: Lens, name: str) -> bool:
-    return lens.blur is not None and bool(family_of(lens.blur.aberration, name))
+    return lens.blur is not None and bool(terms_of_group(lens.blur.aberration, name))
 
 
 def _inactive_pupil_overrides(

@@ -20,8 +20,7 @@ from itertools import zip_longest
 
 import msgspec
 
-from lensfit.preset.blend import blend
-from lensfit.preset.blend_numbers import blended
+from lensfit.preset.blend import blend, blended
 from lensfit.preset.entry import Entry
 from lensfit.units import dioptres_from_mm, m_from_mm
 

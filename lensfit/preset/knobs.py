@@ -16,9 +16,7 @@ from msgspec import Struct
 
 from lensfit._strict import convert_strictly, did_you_mean
 from lensfit.errors import LensfitError, PresetError
-from lensfit.preset.aberration_knobs import AberrationKnobs
-from lensfit.preset.bokeh_knobs import BokehKnobs
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import AberrationKnobs, BokehKnobs, LookKnobs
 
 Value = float | int | str | bool | None
 _PREFIX = "lensfit/"

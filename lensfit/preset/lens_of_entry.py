@@ -24,9 +24,8 @@ from lensfit.optics.pupil_shift import PupilShift
 from lensfit.preset import blocks
 from lensfit.preset.adjusted_lens import adjusted_lens
 from lensfit.preset.blocks import Camera
-from lensfit.preset.blur_numbers import with_moves
 from lensfit.preset.blur_of_block import blur_block as blur_block
-from lensfit.preset.blur_of_block import lens_blur
+from lensfit.preset.blur_of_block import lens_blur, with_moves
 from lensfit.preset.entry import Entry
 from lensfit.preset.inactive_overrides import inactive_overrides
 from lensfit.preset.knobs import NEUTRAL, Knobs
@@ -134,10 +133,9 @@ def lens_of_entry(
     entry: Entry,
     camera: Camera,
     f_number: float | None = None,
-    notes: tuple[str, ...] = (),
 ) -> Lens:
     """The lens at the state of `entry`, whose `fall_off` has at most one member."""
-    chosen = Selection(entry, f_number, notes, entry.focus_distance_mm)
+    chosen = Selection(entry, f_number, (), entry.focus_distance_mm)
     return lens_of_selection(chosen, camera)
 
 

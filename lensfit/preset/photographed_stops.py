@@ -7,7 +7,7 @@ how far the f-number lies beyond them (`unphotographed_f_number_note`).
 
 import math
 
-from lensfit.preset.blur_blocks import Stop
+from lensfit.preset.blocks import Stop
 
 SAME_STOP = 1.05
 """Ratio of f-numbers up to which they are one: 5.6 to 8 is no exact stop either."""

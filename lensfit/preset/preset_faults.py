@@ -17,8 +17,15 @@ import msgspec
 import numpy as np
 
 from lensfit.errors import PresetError
-from lensfit.preset.blocks import Camera, Distortion, FallOff, LateralColour
-from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil
+from lensfit.preset.blocks import (
+    AberrationTerm,
+    Blur,
+    Camera,
+    Distortion,
+    FallOff,
+    LateralColour,
+    Pupil,
+)
 from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry
 from lensfit.preset.schema import Preset

@@ -12,10 +12,15 @@ prime measured at one focus serves all of them, its blur refocused by first-orde
 (`lensfit.preset.blur_of_block`). Nearer than its front focal point it has no image,
 which is an error. Beyond the measured focal lengths the nearest is used within 5 %, as
 metadata of a prime scatter; further away it is an error.
+
+A preset is selected by the focal length that the lens shows on its barrel or zoom ring
+(nominal). The pinhole with the picture's angle of view has another: it differs by the
+tolerance of the barrel's number and grows with focusing. Each measured entry knows
+both, so that the ring follows from the pinhole at a focus distance.
 """
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
@@ -26,8 +31,11 @@ from lensfit.preset.interpolated_entry import (
     interpolated_in_focal_length,
     interpolated_in_focus,
 )
-from lensfit.preset.spanned_width import SCALING_REMEDY
+from lensfit.preset.scaled_look import SCALING_REMEDY
 from lensfit.units import dioptres_from_mm
+
+if TYPE_CHECKING:
+    from lensfit.preset.schema import Preset
 
 FOCAL_LENGTH_SLACK = 0.05
 _LARGEST_F_NUMBER = 1000
@@ -257,3 +265,47 @@ def _at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entr
         )
     chosen = msgspec.structs.replace(chosen, f_number=f_number)
     return msgspec.structs.replace(entry, fall_off=(chosen,))
+
+
+_ROUNDS = 20
+_SAME = 1e-9
+
+
+def ring_focal_length_mm(
+    preset: "Preset",
+    pinhole_mm: float,
+    focus_mm: float | None,
+    *,
+    from_pupil: bool = False,
+) -> float:
+    """The nominal focal length at which the lens images like a pinhole of this one.
+
+    Beyond the measured focal lengths the ratio of both is that of the nearest. A
+    prime's is its own within the slack that metadata of primes have.
+
+    Parameters
+    ----------
+    pinhole_mm : Principal distance of the pinhole.
+    focus_mm : Focus distance; None for a preset with one at each focal length.
+    from_pupil : It counts from the entrance pupil rather than from the sensor.
+
+    Raises
+    ------
+    PresetError : The preset does not reach the focus distance.
+    """
+    measured = sorted({entry.focal_length_mm for entry in preset.entries})
+    ring, focus = pinhole_mm, focus_mm
+    for _ in range(_ROUNDS):
+        at = min(max(ring, measured[0]), measured[-1])
+        projection = preset.select(at, None, focus).entry.projection
+        before, ring = ring, pinhole_mm * at / projection.principal_distance_mm
+        if focus_mm is not None and from_pupil:
+            focus = focus_mm + projection.entrance_pupil_offset_mm
+        if abs(ring - before) <= _SAME * ring:
+            break
+    if len(measured) == 1:
+        near = (abs(one / measured[0] - 1) for one in (ring, pinhole_mm))
+        return measured[0] if min(near) <= FOCAL_LENGTH_SLACK else ring
+    # Headers hold single precision.
+    nearest = min(measured, key=lambda one: abs(one - ring))
+    return nearest if abs(ring / nearest - 1) < 1e-6 else float(f"{ring:.7g}")

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import LookKnobs
 from lensfit.rendering.buffers import crop
 from lensfit.rendering.defocus import blurred_layers, blurred_plate
 from lensfit.rendering.falloff import apply_gain

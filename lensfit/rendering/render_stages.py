@@ -14,7 +14,7 @@ from jaxtyping import Float32
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import LookKnobs
 from lensfit.rendering.falloff import illumination_gain
 from lensfit.rendering.look.stack import Look, look_of
 from lensfit.rendering.look.white_balance import Chromaticities

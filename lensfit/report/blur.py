@@ -7,7 +7,6 @@ no such section.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lensfit.report.blur_pictures import ENLARGED
 from lensfit.report.blur_rules import targets_of
 from lensfit.report.evidence import value_of
 from lensfit.report.kernels import GAMMA, MOST_SHEETS, KernelSheet, KernelState
@@ -19,7 +18,7 @@ from lensfit.report.markup import (
     stated,
     tag,
 )
-from lensfit.report.pictures import png_address
+from lensfit.report.pictures import ENLARGED, png_address
 from lensfit.report.plain_numbers import distance_of
 from lensfit.report.report_sections import distance_text, stop_text, table_row
 from lensfit.report.through import ThroughSheet, through_figures

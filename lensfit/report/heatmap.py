@@ -15,11 +15,21 @@ import numpy as np
 from jaxtyping import Float
 from skimage.measure import find_contours
 
-from lensfit.report.axes import Frame, sensor_frame, tick_text, ticks
 from lensfit.report.frame_coverage import numbers
 from lensfit.report.markup import Markup, number, stated, tag
 from lensfit.report.pictures import png_address
-from lensfit.report.svg import WIDTH, Figure, drawing, path, words
+from lensfit.report.svg import (
+    MARGIN,
+    WIDTH,
+    Figure,
+    Frame,
+    drawing,
+    path,
+    sensor_frame,
+    tick_text,
+    ticks,
+    words,
+)
 
 _PICTURE_WIDTH = 200
 _FINE = (65, 49)
@@ -224,8 +234,8 @@ def _colours(share: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... 3"]:
 
 
 def _corner_places(frame: Frame, sd: np.ndarray) -> Iterator[tuple]:
-    left, right = frame.margin + 8, WIDTH - frame.margin - 8
-    top, bottom = frame.margin + 18, frame.height - frame.margin - 10
+    left, right = MARGIN + 8, WIDTH - MARGIN - 8
+    top, bottom = MARGIN + 18, frame.height - MARGIN - 10
     yield 0, 0, left, top, "start"
     yield 0, -1, right, top, "end"
     yield -1, 0, left, bottom, "start"
@@ -237,14 +247,14 @@ def _corner_places(frame: Frame, sd: np.ndarray) -> Iterator[tuple]:
 
 def _heat_key(frame: Frame, low: float, high: float, unit: str) -> Markup:
     """The colour scale under the frame."""
-    y, width, steps = frame.height - frame.margin + 10, 160.0, 40
+    y, width, steps = frame.height - MARGIN + 10, 160.0, 40
     parts = []
     for k, rgb in enumerate(_colours(np.linspace(0, 1, steps))):
         fill = "#{:02x}{:02x}{:02x}".format(*(round(float(c)) for c in rgb))
-        box = {"x": f"{frame.margin + k * width / steps:.1f}", "y": f"{y:.1f}"}
+        box = {"x": f"{MARGIN + k * width / steps:.1f}", "y": f"{y:.1f}"}
         parts.append(tag("rect", **box, width="4.4", height="9", fill=fill))
     ends = [tick_text(float(f"{value:.2g}")) for value in (low, high)]
-    right = frame.margin + width
-    parts.append(words(frame.margin, y + 25, ends[0], "small", "start"))
+    right = MARGIN + width
+    parts.append(words(MARGIN, y + 25, ends[0], "small", "start"))
     parts.append(words(right, y + 25, f"{ends[1]} {unit}", "small", "end"))
     return Markup("".join(parts))

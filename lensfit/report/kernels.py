@@ -20,9 +20,8 @@ from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.report.grey_tiles import png, sheet_of, with_bar
-from lensfit.report.plain_numbers import distance_of
-from lensfit.report.round_number import round_up
+from lensfit.report.pictures import png, sheet_of, with_bar
+from lensfit.report.plain_numbers import distance_of, round_up
 
 MOST_SHEETS = 24
 GAMMA = 0.4

@@ -1,4 +1,4 @@
-"""Convert numbers for JSON: NaN to null, and an infinite distance to "inf"."""
+"""Plain numbers: for JSON, NaN as null and infinity as "inf"; round for scale bars."""
 
 import math
 
@@ -26,3 +26,11 @@ def rounded(values: ArrayLike, digits: int) -> list[float | None]:
     return [
         round(float(v), digits) if np.isfinite(v) else None for v in np.asarray(values)
     ]
+
+
+def round_up(value: float) -> float:
+    """The next of 1, 2, 5 times a power of ten that is not below a positive value."""
+    if not value > 0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(m * power for m in (1, 2, 5, 10) if m * power >= value * (1 - 1e-9))

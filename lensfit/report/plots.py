@@ -5,18 +5,19 @@ stated) and as percent of the radius with its 1-sigma band, lateral colour of re
 blue against green, fall-off at each f-number, and the standard deviation of the map
 over the frame. Colours are those of Okabe and Ito ("Color Universal Design", 2008),
 which are distinct to colour-blind eyes.
+
+Breathing is shown as the image magnification over the focus distance.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from lensfit.report.axes import Axes, Frame, sensor_frame
 from lensfit.report.frame_coverage import numbers
 from lensfit.report.heatmap import fall_off_surface, uncertainty
 from lensfit.report.markup import Markup, number, stated
-from lensfit.report.round_number import round_up
-from lensfit.report.svg import Figure, drawing, path
+from lensfit.report.plain_numbers import round_up
+from lensfit.report.svg import Axes, Figure, Frame, drawing, path, sensor_frame
 
 
 def entry_figures(entry: dict, camera: dict) -> list[Figure]:
@@ -213,3 +214,29 @@ def _fall_off_curves(axes: Axes, one: dict, class_: str) -> list[Markup]:
 def _stop_name(one: dict) -> str:
     stop = one.get("f_number")
     return f"f/{stated(round(stop, 1))}" if stop else "f-number not stated"
+
+
+def breathing(curve: dict) -> Figure | None:
+    """The curve with its band, and the focus distances that were photographed.
+
+    Parameters
+    ----------
+    curve : "focus_dioptres" (1/m from the sensor), "larger_percent" against the
+        farthest of them, "sd_percent" where it is known; "photographed_dioptres".
+    """
+    focus, larger = numbers(curve["focus_dioptres"]), numbers(curve["larger_percent"])
+    if focus.size < 2:
+        return None
+    sd = numbers(curve["sd_percent"])
+    known = np.nan_to_num(sd)
+    axes = Axes(span(focus), span(larger, known, zero=True))
+    shapes: list[Markup] = [axes.furniture("focus (1/m)", "image larger by (%)")]
+    shapes += [axes.mark(at, "") for at in curve["photographed_dioptres"]]
+    shapes.append(axes.band(focus, larger - sd, larger + sd, "s1"))
+    shapes.append(axes.line(focus, larger, "s1"))
+    caption = f"{number(larger[-1], '%', 2)} larger focused nearest than farthest. "
+    caption += (
+        "Dashed: focus distances that were photographed. The band is one standard "
+    )
+    caption += "deviation there, nearest and farthest counted as independent."
+    return Figure("breathing", "Breathing", drawing("Breathing", *shapes), caption)

@@ -19,8 +19,8 @@ from lensfit.report.report_sections import (
     coverage_section,
     lens_section,
     takes_section,
+    terms_section,
 )
-from lensfit.report.terms_section import terms_section
 from lensfit.report.through import ThroughSheet
 from lensfit.report.verdict import verdict_of, verdict_scope
 

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.report.axes import Axes, Frame
 from lensfit.report.frame_coverage import (
     COLUMNS,
     ROWS,
@@ -23,8 +22,8 @@ from lensfit.report.frame_coverage import (
     residuals_of,
 )
 from lensfit.report.markup import Markup, number, tag
-from lensfit.report.round_number import round_up
-from lensfit.report.svg import Figure, drawing, words
+from lensfit.report.plain_numbers import round_up
+from lensfit.report.svg import Axes, Figure, Frame, drawing, words
 
 _ARROW_CELLS = 30
 _LONGEST_ARROW = 26.0

@@ -18,7 +18,6 @@ from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.report.grey_tiles import png, sheet_of
 from lensfit.report.kernels import (
     GAMMA,
     SIZE_PX,
@@ -31,7 +30,7 @@ from lensfit.report.kernels import (
     tiles_of,
 )
 from lensfit.report.markup import Markup, number, tag
-from lensfit.report.pictures import png_address
+from lensfit.report.pictures import png, png_address, sheet_of
 from lensfit.report.report_sections import distance_text, figure_html, stop_text
 from lensfit.report.svg import WIDTH, Figure, drawing, words
 

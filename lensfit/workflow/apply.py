@@ -23,11 +23,14 @@ from lensfit.io.sequence import (
     split_pattern,
 )
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.frame.frame_outcome import FrameOutcome, apply_frame, error_line
+from lensfit.plate.frame.frame_outcome import (
+    FrameOutcome,
+    apply_frame,
+    error_line,
+    worker_outcomes,
+)
 from lensfit.plate.frame.renderer import FrameRenderer
-from lensfit.plate.frame.workers import worker_outcomes
-from lensfit.plate.notes import notes_of_new_topics
-from lensfit.plate.sequence_notes import gaps_note, sizes_note
+from lensfit.plate.notes import gaps_note, notes_of_new_topics, sizes_note
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 

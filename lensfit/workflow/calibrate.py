@@ -3,8 +3,8 @@
     photographs -> detected points -> lens states -> preset, UV maps, report
 
 A photograph that cannot be used does not stop the others; the report lists it with the
-reason. The outputs are an atomic output set (`results_set`): they replace those of an
-earlier run, all at once.
+reason. The outputs are an atomic output set (`calibration.results_folder`): they
+replace those of an earlier run, all at once.
 """
 
 import json
@@ -27,12 +27,11 @@ from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
-from lensfit.progress import Progress, silent
-from lensfit.report.blur_pictures import write_dot_pictures
-from lensfit.report.read_report import SCHEMA as REPORT_SCHEMA
+from lensfit.progress import Progress, silent, stopwatch
+from lensfit.report.pictures import write_dot_pictures
+from lensfit.report.report_file import SCHEMA as REPORT_SCHEMA
+from lensfit.report.report_file import write_report
 from lensfit.report.verdict import verdict_of
-from lensfit.report.write_report import write_report
-from lensfit.workflow.calibration.blur_facts import blur_facts
 from lensfit.workflow.calibration.entries import (
     camera_of,
     entry_of,
@@ -40,12 +39,11 @@ from lensfit.workflow.calibration.entries import (
     with_quality,
 )
 from lensfit.workflow.calibration.entry_facts import entry_facts
-from lensfit.workflow.calibration.fit_facts import statement_facts, terms_of
+from lensfit.workflow.calibration.fit_facts import blur_facts, statement_facts, terms_of
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
-from lensfit.workflow.calibration.results_folder import PRESET
+from lensfit.workflow.calibration.results_folder import PRESET, REPORT, atomic_results
 from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
-from lensfit.workflow.results_set import REPORT, atomic_results
 from lensfit.workflow.shoot.identified_charts import with_identified_charts
 from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.contradiction import Contradiction
@@ -61,7 +59,6 @@ from lensfit.workflow.statements.targets_seen import (
     contradicted_targets,
     missed_targets,
 )
-from lensfit.workflow.stopwatch import stopwatch
 
 MAP_OVERSCAN_PERCENT = 10.0
 

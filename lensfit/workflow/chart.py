@@ -13,10 +13,13 @@ from lensfit.chart.drawing import Drawing
 from lensfit.chart.layout import Layout, Wanted, draw, foil_drawing, lay_out
 from lensfit.chart.sheet import Sheet, paper_sheet, screen_sheet
 from lensfit.errors import ChartError
-from lensfit.io.drawing_dxf import write_dxf
-from lensfit.io.drawing_pdf import write_pdf
-from lensfit.io.drawing_picture import write_png, write_tones_exr
-from lensfit.io.drawing_svg import write_svg
+from lensfit.io.drawing_files import (
+    write_dxf,
+    write_pdf,
+    write_png,
+    write_svg,
+    write_tones_exr,
+)
 from lensfit.units import MILLIMETRES_PER_INCH
 
 FORMATS = (".svg", ".pdf", ".dxf", ".png", ".exr")

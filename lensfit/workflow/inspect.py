@@ -35,7 +35,7 @@ from lensfit.plate.frame.plate_views import (
     other_cameras_note,
     plate_views,
 )
-from lensfit.plate.header import header_entries, plate_header
+from lensfit.plate.plate_file import header_entries, plate_header
 from lensfit.progress import Progress, silent
 
 if TYPE_CHECKING:

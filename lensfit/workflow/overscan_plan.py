@@ -18,9 +18,13 @@ from lensfit.errors import ImageError, PresetError
 from lensfit.exchange.stmaps import LARGEST_SIDE_PX
 from lensfit.plate.pixel_shape import SQUARE, pixel_shape
 from lensfit.preset.knobs import Knobs
-from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
+from lensfit.preset.scaled_look import (
+    UNSCALED,
+    ScaledLook,
+    scaled_look,
+    spanned_width_note,
+)
 from lensfit.preset.schema import Preset
-from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.filters import Filter
 from lensfit.rendering.overscan import (

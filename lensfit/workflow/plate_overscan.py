@@ -9,15 +9,15 @@ from pathlib import Path
 
 from lensfit.coords import Window
 from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.plate_camera import SPELT
 from lensfit.plate.camera.plate_state import BLUR, SCALED
 from lensfit.plate.camera.sources import StateOverrides
-from lensfit.plate.camera.spelling import SPELT
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.tight_window import known_window
-from lensfit.plate.header import plate_header
 from lensfit.plate.notes import topic_of
 from lensfit.plate.pixel_shape import SQUARE
+from lensfit.plate.plate_file import plate_header
 from lensfit.preset.schema import Preset
 from lensfit.rendering.overscan import Margins
 from lensfit.rendering.render_stages import Switches

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
-from lensfit.plate.frame.fingerprint import FINGERPRINT
+from lensfit.plate.frame.provenance import FINGERPRINT
 from lensfit.preset.store import save_preset
 
 ALL = {**CAMERA, **SENSOR}

@@ -10,7 +10,7 @@ from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, scene
 
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
-from lensfit.io.eyes_by_name import eyes_of_channels
+from lensfit.io.exr_views import eyes_of_channels
 
 ALL = {**CAMERA, **SENSOR}
 RIGHT = {**ALL, "lens/fstop": 2.0, "lens/focus": 4.0}

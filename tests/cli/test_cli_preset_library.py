@@ -154,7 +154,7 @@ def test_a_narrow_terminal_cuts_no_name(show: Path, monkeypatch):
     preset(
         "edit", SLUG, "--library", "show/sq010", "--set", "coma_gain=1", "--why", "x"
     )
-    monkeypatch.setattr("lensfit.cli._console.console", lambda: Console(width=60))
+    monkeypatch.setattr("lensfit.cli._terminal.console", lambda: Console(width=60))
     said = preset("list", "--library", "show/sq010")
     assert said.count(SLUG) == 2
     assert "…" not in said

@@ -14,8 +14,8 @@ from command_line import run_well
 from plate_makers import DISPLAY, SENSOR, make_preset, write_plate
 
 from lensfit.io.exr import read_exr
-from lensfit.preset.ring_focal_length import ring_focal_length_mm
 from lensfit.preset.schema import Preset
+from lensfit.preset.select_entry import ring_focal_length_mm
 from lensfit.preset.store import save_preset
 
 RING_MM, RATIOS = 38.0, {30.0: 0.97, 50.0: 1.02}

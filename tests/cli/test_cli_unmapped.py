@@ -7,7 +7,7 @@ import pytest
 from command_line import run
 from plate_makers import CAMERA, SENSOR, write_plate
 
-from lensfit.io.camera.unmapped import unmapped_entries
+from lensfit.io.camera.header_entries import unmapped_entries
 
 OTHERS = {
     "rs/camera/fov": 0.5,

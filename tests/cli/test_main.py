@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from lensfit import __version__
 from lensfit.cli import main
 from lensfit.cli._door import DoorGroup
-from lensfit.cli._efforts import EFFORTS_OR_NONE
+from lensfit.cli._options import EFFORTS_OR_NONE
 from lensfit.errors import ShootError
 from lensfit.fitting.wavefront.effort import Effort
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bands import CHANNELS, Band, Channel
 from data_synth.irradiance import plane_irradiance
 from data_synth.judge_spots import mirrored_distance_mm
 from data_synth.judged_lens import Lens
 from data_synth.lens import SetLens
+from data_synth.sensor import CHANNELS, Band, Channel
 from data_synth.spots import (
     band_chiefs_mm,
     band_maps,

@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 from wrong_usage import told_of_wrong_usage
 
-from data_synth.frame import Frame
 from data_synth.plan import planned_shots
 from data_synth.prescription import load_prescription, prescription_names
+from data_synth.sensor import Frame
 from lensfit.cli.main import app
 from lensfit.io.exr import read_exr
 from lensfit.workflow.shoot.shoot_file import load_shoot

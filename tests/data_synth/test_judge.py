@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from judged_lenses import FlippedLens, TracedLens
 
-from data_synth.bands import camera_bands
-from data_synth.frame import Frame
 from data_synth.judge import geometry_figures, judge, thin_lens_figures
-from data_synth.judge_spots import mirrored_distance_mm
+from data_synth.judge_spots import best_shift, mirrored_distance_mm, psf_error
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
-from data_synth.psf_error import best_shift, psf_error
 from data_synth.psf_truth import (
     geometry_truth,
     read_truth,
@@ -21,6 +18,7 @@ from data_synth.psf_truth import (
     wavefront_truth,
     write_truth,
 )
+from data_synth.sensor import Frame, camera_bands
 from data_synth.thin_lens import ThinLens
 from lensfit.errors import PresetError
 

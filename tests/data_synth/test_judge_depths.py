@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
-from data_synth.bands import camera_bands
 from data_synth.judge_depths import depth_figures, frame_errors, settings_in
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
-from data_synth.sensor import Sensor
+from data_synth.sensor import Sensor, camera_bands
 from data_synth.shoot import Camera, lens_truth
 from data_synth.wavefront_cases import frame_for
 from lensfit.errors import LensfitError

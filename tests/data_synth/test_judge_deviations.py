@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from judged_lenses import TracedLens
 
-from data_synth.bands import camera_bands
-from data_synth.frame import Frame
 from data_synth.judge import judge
 from data_synth.judge_deviations import covered_figures
 from data_synth.judge_spots import maker_of
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.psf_truth import read_truth, settings_for, wavefront_truth, write_truth
+from data_synth.sensor import Frame, camera_bands
 from lensfit.errors import LensfitError
 
 FRAME = Frame((240, 180), (24.0, 18.0))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data_synth.frame import Frame
 from data_synth.judge_spots import judge_spots
 from data_synth.psf_truth import Group, WavefrontTruth, write_truth
+from data_synth.sensor import Frame
 from data_synth.thin_lens import ThinLens
 
 FRAME = Frame((1200, 900), (24.0, 18.0))

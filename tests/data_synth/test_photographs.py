@@ -8,16 +8,22 @@ import numpy as np
 import pytest
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
-from data_synth.bands import camera_bands
 from data_synth.chart import Chart, Pose, pattern_coverage
 from data_synth.dots import expose_dots
-from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import set_lens
 from data_synth.make_demo import FOLDER, make_demo
 from data_synth.patterns import expose_pattern, expose_white
 from data_synth.prescription import load_prescription
-from data_synth.sensor import MOSAIC, Sensor, demosaiced, digitise, srgb_codes
+from data_synth.sensor import (
+    MOSAIC,
+    Frame,
+    Sensor,
+    camera_bands,
+    demosaiced,
+    digitise,
+    srgb_codes,
+)
 from data_synth.shoot import Camera, Shot, field_table, shoot_toml, take, write_shoot
 from data_synth.surfaces import Surface
 from data_synth.trace import Stop

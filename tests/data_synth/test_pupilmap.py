@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from data_synth.aim import rays_through_pupil, tracer_from_object
-from data_synth.bands import Band, camera_bands
 from data_synth.chart import Chart, Pose
-from data_synth.dot_images import expose_dots_from_maps
-from data_synth.dots import expose_dots
-from data_synth.frame import Frame
+from data_synth.dots import expose_dots, expose_dots_from_maps
 from data_synth.irradiance import ray_weights, shifted_sobol
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
@@ -18,6 +15,7 @@ from data_synth.pupilmap import (
     open_bounds_mm,
     pupil_map,
 )
+from data_synth.sensor import Band, Frame, camera_bands
 from data_synth.spots import (
     band_chiefs_mm,
     band_maps,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
-from data_synth.frame import Frame
 from data_synth.lens import set_lens
 from data_synth.paraxial import first_order
 from data_synth.prescription import load_prescription, prescription_names
+from data_synth.sensor import Frame
 from data_synth.spots import field_points_mm
 from data_synth.tolerances import (
     _open_areas,

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from data_synth.frame import Frame
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.psf_truth import read_truth
-from data_synth.sensor import Sensor
+from data_synth.sensor import Frame, Sensor
 from data_synth.shoot import Camera, write_shoot
 from data_synth.wavefront_cases import CASES, case_subject, frame_for, random_subject
 from data_synth.wavefront_plan import (

@@ -11,12 +11,13 @@ from lensfit.errors import ExchangeError
 from lensfit.exchange.brown_conrady import D_U, U_D, BrownMap, brown_conrady
 from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.opencv import OpenCvMap
-from lensfit.exchange.opentrackio import opentrackio_text, read_opentrackio
-from lensfit.exchange.opentrackio_lens import (
+from lensfit.exchange.opentrackio import (
     ColourShift,
     LensSample,
-    lens_of_opentrackio,
+    opentrackio_text,
+    read_opentrackio,
 )
+from lensfit.exchange.opentrackio_lens import lens_of_opentrackio
 
 RADIAL = (1.1e-3, 2e-4, -3e-6, 1e-6, 4e-9, -2e-9)
 TANGENTIAL = (1e-5, -2e-5)

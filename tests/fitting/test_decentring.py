@@ -10,8 +10,8 @@ from found_marks import found_marks
 from pinhole_shoot import Camera, shoot
 from scipy.spatial.transform import Rotation
 
-from data_synth.bands import camera_bands
 from data_synth.lens import set_lens
+from data_synth.sensor import camera_bands
 from data_synth.spots import band_chiefs_mm
 from data_synth.wavefront_cases import random_subject
 from lensfit.fitting.chart_view import View

@@ -25,12 +25,13 @@ from lensfit.exchange.opencv import (
     opencv_text,
     read_opencv,
 )
-from lensfit.exchange.opentrackio import opentrackio_text, read_opentrackio
-from lensfit.exchange.opentrackio_lens import (
+from lensfit.exchange.opentrackio import (
     ColourShift,
     LensSample,
-    lens_of_opentrackio,
+    opentrackio_text,
+    read_opentrackio,
 )
+from lensfit.exchange.opentrackio_lens import lens_of_opentrackio
 from lensfit.exchange.syntheyes import (
     LniNotes,
     RadialTable,

@@ -31,9 +31,15 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey
 from lensfit.io.cryptomatte import find_cryptomattes, read_ranks
 from lensfit.io.depth_channel import depth_over_window, find_depth
-from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
+from lensfit.io.exr import (
+    ExrImage,
+    ExrPart,
+    find_colour,
+    read_exr,
+    stack_channels,
+    write_exr,
+)
 from lensfit.io.exr_deep import is_deep, read_deep
-from lensfit.io.exr_layers import find_colour, stack_channels
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import camera_state_from
 from lensfit.io.raster import tiff_header

@@ -6,13 +6,16 @@ import camera_files as files
 import pytest
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.arri import read_arri
-from lensfit.io.camera.blackmagic import read_blackmagic
-from lensfit.io.camera.canon import read_canon
+from lensfit.io.camera.maker_tables import (
+    read_arri,
+    read_canon,
+    read_red_frames,
+    read_red_static,
+    read_sony,
+)
+from lensfit.io.camera.maker_texts import read_blackmagic
+from lensfit.io.camera.quantity import stop, stop_of_linear_iris
 from lensfit.io.camera.read_camera_file import read_camera_file
-from lensfit.io.camera.red import read_red_frames, read_red_static
-from lensfit.io.camera.sony import read_sony
-from lensfit.io.camera.stop_text import stop, stop_of_linear_iris
 from lensfit.io.camera.table import FrameKey, plain_timecode
 
 

@@ -15,10 +15,7 @@ from lensfit.chart.layout import Layout, Wanted, draw, foil_drawing, lay_out
 from lensfit.chart.pattern import lattice_points
 from lensfit.chart.sheet import paper_sheet
 from lensfit.errors import ChartError
-from lensfit.io.drawing_dxf import dxf
-from lensfit.io.drawing_pdf import write_pdf
-from lensfit.io.drawing_picture import write_png, write_tones_exr
-from lensfit.io.drawing_svg import svg
+from lensfit.io.drawing_files import dxf, svg, write_pdf, write_png, write_tones_exr
 from lensfit.io.image import read_photograph
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -15,15 +15,18 @@ import pytest
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
-from lensfit.io.exr_header import check_exr
-from lensfit.io.exr_layers import (
+from lensfit.io.exr import (
+    ExrImage,
+    ExrPart,
     colour_channels,
     find_colour,
     layer_names,
+    read_exr,
     stack_channels,
     with_channels,
+    write_exr,
 )
+from lensfit.io.exr_header import check_exr
 
 OVERSCANNED = Window(-3, -2, 9, 7)
 ATTRIBUTES = {

@@ -12,7 +12,7 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.knob_sources import KnobWord, knobs_of_plate
 from lensfit.plate.camera.settings import Settings, load_settings
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.header import plate_header
+from lensfit.plate.plate_file import plate_header
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.store import save_preset
 

@@ -6,7 +6,7 @@ import pickle
 import pytest
 
 from lensfit.errors import SettingsError
-from lensfit.io.camera.aliases import Alias
+from lensfit.io.camera.header_entries import Alias
 from lensfit.plate.camera.settings import NAME, load_settings, settings_beside
 
 

@@ -10,8 +10,15 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.lens import Lens
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
-from lensfit.preset.blocks import ChannelShift, Distortion, LateralColour, Projection
-from lensfit.preset.blur_blocks import AberrationTerm, Pupil, Rim
+from lensfit.preset.blocks import (
+    AberrationTerm,
+    ChannelShift,
+    Distortion,
+    LateralColour,
+    Projection,
+    Pupil,
+    Rim,
+)
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from preset_makers import make_entry, make_preset
 
 from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
-from lensfit.preset.library.found import FoundPreset
+from lensfit.preset.library.layers import FoundPreset
 from lensfit.preset.library.levels import levels_of, mark_project
 from lensfit.preset.library.save import Kept, keep_preset
 from lensfit.preset.schema import Preset

@@ -6,6 +6,8 @@ import msgspec
 import numpy as np
 
 from lensfit.preset.blocks import (
+    AberrationTerm,
+    Blur,
     Camera,
     ChannelShift,
     Distortion,
@@ -13,8 +15,10 @@ from lensfit.preset.blocks import (
     FreeField,
     LateralColour,
     Projection,
+    Pupil,
+    Rim,
+    Stop,
 )
-from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil, Rim, Stop
 from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage

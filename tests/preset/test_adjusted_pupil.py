@@ -17,7 +17,7 @@ from adjusted_lenses import (
 
 from lensfit.errors import ImageError
 from lensfit.optics.pupil import opening_area, pupil_rays
-from lensfit.preset.blur_blocks import AberrationTerm, Pupil
+from lensfit.preset.blocks import AberrationTerm, Pupil
 
 SIZE = 64
 AXIS, CORNER = (0.0, 0.0), (0.8 * CORNER_MM, 0.6 * CORNER_MM)

@@ -7,8 +7,7 @@ import pytest
 from adjusted_lenses import CORNER_MM, ideal, measured, measured_preset, plain
 
 import lensfit
-from lensfit.preset.blocks import FallOff
-from lensfit.preset.blur_blocks import Pupil
+from lensfit.preset.blocks import FallOff, Pupil
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 
 PRESETS = Path(__file__).parents[2] / "presets"

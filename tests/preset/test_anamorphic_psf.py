@@ -10,8 +10,7 @@ from preset_makers import make_blur, make_entry, make_preset
 
 import lensfit
 from lensfit.lens import Lens
-from lensfit.preset.blocks import Distortion, Projection
-from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil
+from lensfit.preset.blocks import AberrationTerm, Blur, Distortion, Projection, Pupil
 from lensfit.preset.schema import Preset
 
 SQUEEZE, FOCUS_MM, SIZE, PITCH_MM = 1.8, 2000.0, 96, 0.004

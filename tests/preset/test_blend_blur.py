@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from preset_makers import make_blur, make_entry, make_preset
 
-from lensfit.preset.blend_blur import blended_blur
-from lensfit.preset.blocks import Distortion, Projection
-from lensfit.preset.blur_blocks import AberrationTerm, Blur, Stop
+from lensfit.preset.blend import blended_blur
+from lensfit.preset.blocks import AberrationTerm, Blur, Distortion, Projection, Stop
 from lensfit.preset.entry import Entry
 from lensfit.preset.photographed_stops import blended_stops, radius_ratio
 

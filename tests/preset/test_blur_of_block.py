@@ -12,7 +12,7 @@ from preset_makers import make_blur, make_entry, make_preset
 import lensfit
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.terms import decentring_terms, rotational_terms
-from lensfit.preset.blur_blocks import Blur
+from lensfit.preset.blocks import Blur
 from lensfit.preset.blur_of_block import aberration_of, blur_block, pupil_of
 
 

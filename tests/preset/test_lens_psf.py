@@ -13,8 +13,14 @@ from lensfit.errors import LensfitError
 from lensfit.lens import Channel, Lens
 from lensfit.optics.lateral import channel_from_green
 from lensfit.optics.paraxial import FirstOrder, defocus_mm
-from lensfit.preset.blocks import ChannelShift, Distortion, LateralColour, Projection
-from lensfit.preset.blur_blocks import Blur, Pupil
+from lensfit.preset.blocks import (
+    Blur,
+    ChannelShift,
+    Distortion,
+    LateralColour,
+    Projection,
+    Pupil,
+)
 from lensfit.preset.entry import Entry
 from lensfit.psf.lens_blur import LensBlur
 from lensfit.psf.lens_psf import _on_pixels, _pencils, _ray_turns

@@ -12,17 +12,16 @@ from library_makers import ENTRY, SLUG, SQUEEZE, change, keep, make_show
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import PresetError
-from lensfit.preset.library.change_set import ChangeSet
+from lensfit.preset.library.catalogue import history
+from lensfit.preset.library.change_set import ChangeSet, lock_of
 from lensfit.preset.library.edit import (
     Author,
     RequestedEdit,
     edit_preset,
     requested_edit_of_text,
 )
-from lensfit.preset.library.history import history
 from lensfit.preset.library.key_path import complete_tables, key_of, steps_of
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.locks import lock_of
 from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.shelf import read_version, shelves_of
 

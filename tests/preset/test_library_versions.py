@@ -18,9 +18,12 @@ from preset_makers import make_entry, make_preset
 from lensfit.errors import OutputError, PresetError
 from lensfit.preset.blocks import Projection
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.names import version_number
 from lensfit.preset.library.resolve_preset import find_preset
-from lensfit.preset.library.versions import claim_next_version, claim_version
+from lensfit.preset.library.versions import (
+    claim_next_version,
+    claim_version,
+    version_number,
+)
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import load_preset
 

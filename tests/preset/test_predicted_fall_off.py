@@ -12,8 +12,7 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.pupil import relative_illumination
-from lensfit.preset.blocks import FallOff
-from lensfit.preset.blur_blocks import Pupil
+from lensfit.preset.blocks import FallOff, Pupil
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.predicted_fall_off import (
     predicted_fall_off,

@@ -10,8 +10,8 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError
 from lensfit.lens import Lens
-from lensfit.preset.blur_blocks import BlurUncertainty, Pupil
-from lensfit.preset.blur_numbers import numbers_of, with_moves
+from lensfit.preset.blocks import BlurUncertainty, Pupil
+from lensfit.preset.blur_of_block import numbers_of, with_moves
 from lensfit.preset.knobs import Knobs
 from lensfit.psf.psf_deviation import fewer_moves
 

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.errors import ImageError
-from lensfit.preset.spanned_width import spanned_width_note
+from lensfit.preset.scaled_look import spanned_width_note
 from lensfit.preset.store import save_preset
 
 RUNNER = CliRunner()

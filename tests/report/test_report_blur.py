@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 from report_samples import barrel_report, draw_overlays
 
-from lensfit.preset.blocks import Camera, Distortion, Projection
-from lensfit.preset.blur_blocks import Blur, Pupil
+from lensfit.preset.blocks import Blur, Camera, Distortion, Projection, Pupil
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.preset.store import load_preset, save_preset
-from lensfit.report.blur_pictures import dot_tiles, write_dot_pictures
-from lensfit.report.grey_tiles import sheet_of, with_bar
 from lensfit.report.kernels import (
     kernel_sheets,
     kernel_states,
     reach_share,
 )
+from lensfit.report.pictures import dot_tiles, sheet_of, with_bar, write_dot_pictures
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
-from lensfit.report.write_report import write_report
+from lensfit.report.report_file import write_report
 
 
 def entry_of(focus_distance_mm: float, radial: tuple[float, ...]) -> Entry:

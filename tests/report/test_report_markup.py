@@ -4,7 +4,6 @@ import math
 
 import pytest
 
-from lensfit.report.axes import ticks
 from lensfit.report.markup import (
     Markup,
     number,
@@ -12,7 +11,8 @@ from lensfit.report.markup import (
     stated,
     tag,
 )
-from lensfit.report.round_number import round_up
+from lensfit.report.plain_numbers import round_up
+from lensfit.report.svg import ticks
 
 THIN = "\u202f"
 

@@ -6,6 +6,7 @@ import pytest
 from test_report_blur import entry_of, report_of, saved
 
 from lensfit.report.kernels import SIZE_PX
+from lensfit.report.report_file import write_report
 from lensfit.report.through import (
     DISTANCES,
     HEIGHTS,
@@ -13,7 +14,6 @@ from lensfit.report.through import (
     f_numbers_of,
     through_sheets,
 )
-from lensfit.report.write_report import write_report
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ from lensfit.psf.pixels import (
     profile_of,
 )
 from lensfit.workflow.calibration.blur_entries import blur_of
-from lensfit.workflow.calibration.blur_facts import blur_facts, blur_terms
+from lensfit.workflow.calibration.fit_facts import blur_facts, blur_terms
 
 LAYOUT = Layout(
     rotational_terms(5),

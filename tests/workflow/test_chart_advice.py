@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from data_synth.bands import camera_bands
 from data_synth.chart import Chart, Pose
 from data_synth.dots import expose_dots
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
+from data_synth.sensor import camera_bands
 from data_synth.wavefront_cases import frame_for
 from lensfit.chart.camera import Camera, blur_mm, magnification_at
 from lensfit.chart.coverage import paint

@@ -12,7 +12,7 @@ from lensfit.chart.layout import Layout, Wanted, draw, lay_out
 from lensfit.chart.sheet import paper_sheet
 from lensfit.detect.observations import Observations
 from lensfit.errors import ShootError
-from lensfit.io.drawing_picture import write_tones_exr
+from lensfit.io.drawing_files import write_tones_exr
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.inspect import facts, inspect_images
 from lensfit.workflow.shoot.draft import write_draft_shoot

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lensfit.errors import ShootError
-from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.crew_notation import length_mm
 from lensfit.workflow.shoot.shoot_file import load_shoot
 
 CREW = """

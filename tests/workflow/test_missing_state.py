@@ -12,7 +12,7 @@ from lensfit.errors import ImageError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.sources import CameraOptions, StateOverrides
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.header import plate_header
+from lensfit.plate.plate_file import plate_header
 from lensfit.preset.store import save_preset
 from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.apply import apply

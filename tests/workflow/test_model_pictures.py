@@ -11,11 +11,10 @@ import pytest
 from lensfit.fitting.wavefront.portray import RINGS, SPOKES, Landings
 from lensfit.photograph import Photograph
 from lensfit.workflow.calibration.small_photograph import small_of
-from lensfit.workflow.pictures.chart_drawing import Drawing
+from lensfit.workflow.pictures.chart_drawing import Drawing, modelled_light
 from lensfit.workflow.pictures.chart_shapes import discs, lines, squares
-from lensfit.workflow.pictures.dot_light import DotLight, drawn_light
 from lensfit.workflow.pictures.model_pictures import pictures_of
-from lensfit.workflow.pictures.modelled_light import modelled_light
+from lensfit.workflow.pictures.predicted_points import DotLight, drawn_light
 
 SHAPE = (60, 80)
 

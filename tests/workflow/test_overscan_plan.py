@@ -12,7 +12,7 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.exchange.stmaps import StmapFrame
 from lensfit.io.exr import read_exr
-from lensfit.preset.aberration_knobs import AberrationKnobs
+from lensfit.preset.knob_groups import AberrationKnobs
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.store import save_preset
 from lensfit.rendering.overscan import Margins, margins_read

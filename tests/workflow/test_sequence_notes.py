@@ -8,7 +8,7 @@ from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.sequence import parse_frames
 from lensfit.plate.farm.job import farm_job
-from lensfit.plate.sequence_notes import gaps_note, sizes_note
+from lensfit.plate.notes import gaps_note, sizes_note
 from lensfit.workflow.apply import apply
 
 ALL = {**CAMERA, **SENSOR}

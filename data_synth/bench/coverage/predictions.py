@@ -12,9 +12,14 @@ values, all in the unit of its name:
     psf_percent       of the peak, green, pixels above a tenth of it, in focus and out
     psf_error_percent relative L2 error of whole point-spread functions; the value is
                       0 and the truth how far it is off
+
+What a tracer knows of the lens is compared with that. It counts millimetres on the
+sensor, x right and y down from its centre; object points from the axis. Every array
+holds what lies in the frame, thinned out.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -23,12 +28,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from data_synth.bench.coverage.traced import (
-    Traced,
-    TracedChiefs,
-    TracedLight,
-    TracedSpots,
-)
 from lensfit.batches import in_batches
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens
@@ -37,6 +36,56 @@ from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at
 from lensfit.optics.many_points import displaced, distort, illuminate, undistort
 from lensfit.optics.position_deviation import pose_moves
+
+
+@dataclass(frozen=True)
+class TracedChiefs:
+    """Where chief rays of a flat object land, at one focus.
+
+    Attributes
+    ----------
+    focus_distance_mm : As on the barrel.
+    object_mm : Across the object, in a plane square to the axis.
+    landed_mm : Of red, green and blue.
+    """
+
+    focus_distance_mm: float
+    object_mm: Float[np.ndarray, "points 2"]
+    landed_mm: Float[np.ndarray, "points 3 2"]
+
+
+@dataclass(frozen=True)
+class TracedLight:
+    """Relative illumination at points of a photograph, at one setting."""
+
+    f_number: float
+    focus_distance_mm: float
+    points_mm: Float[np.ndarray, "points 2"]
+    light: Float[np.ndarray, "points 3"]
+
+
+@dataclass(frozen=True)
+class TracedSpots:
+    """Green point-spread functions at one setting, each of sum 1."""
+
+    f_number: float
+    focus_distance_mm: float
+    object_distance_mm: float
+    pitch_mm: float
+    points_mm: Float[np.ndarray, "points 2"]
+    psf: Float[np.ndarray, "points size size"]
+
+
+@dataclass(frozen=True)
+class Traced:
+    """All that is compared; every array holds what lies in the frame."""
+
+    focal_length_mm: float
+    pixel_mm: float
+    chiefs: tuple[TracedChiefs, ...]
+    light: tuple[TracedLight, ...]
+    spots: tuple[TracedSpots, ...]
+
 
 _ALIGNED = 4
 _BATCH = 256

@@ -1,10 +1,10 @@
 """A script for a Python that has `bpy`: one picture by Cycles.
 
-Run by `cycles.cycles_picture` in a process of its own, with a JSON file of what to
+Run by `cycles.shaded_lens` in a process of its own, with a JSON file of what to
 render. It imports no lensfit. Positions and lengths are millimetres before the entrance
 pupil, x right, y down, z ahead; Blender's world has metres, y up, and looks along -z.
 
-Keys: "out" (EXR), "size_px", "sensor_width_mm", "samples", "seed", "threads", "region"
+Keys: "out" (EXR), "size_px", "sensor_width_mm", "samples", "seed", "region"
 (columns and rows of the first pixel and of that behind the last), "sky" (radiance).
 The camera is that of the file "shader", or else a pinhole of "focal_length_mm" whose
 axis meets the sensor at "axis_mm". "discs" are luminous (x, y, z, radius). "things"
@@ -60,7 +60,7 @@ def _settings(scene, request: dict) -> None:
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.max_bounces = 0
-    render.threads_mode, render.threads = "FIXED", request.get("threads", 2)
+    render.threads_mode, render.threads = "FIXED", 2
     render.resolution_x, render.resolution_y = request["size_px"]
     if "region" in request:
         _region(render, request["size_px"], request["region"])

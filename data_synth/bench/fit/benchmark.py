@@ -20,14 +20,12 @@ from data_synth.bench.fit.lens import (
     truth_errors_px,
 )
 from data_synth.bench.fit.opencv import opencv_of
-from data_synth.bench.fit.plot import write_plot
 from data_synth.bench.floor import Floor, Rates, best_seconds, measured_rates
-from data_synth.bench.machine import machine
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.plot import write_fit_plot
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.sampler import sampled
 from data_synth.bench.sets import (
-    LEAST_PART_OF_MARKS,
+    LEAST_PART_OF_DETECTIONS,
     MOST_COLOUR_DIFFERENCE_PX,
     MOST_ROUND_TRIP_PX,
     BenchSet,
@@ -62,7 +60,7 @@ class Measured:
     first_fit_s, fit_s, spread_s : Geometric fit, the first with tracing and
         compilation; median and spread of a few more.
     profiles : Seconds of detection and of one more fit, by stage.
-    floor : One pass over the marks beside its floating-point operations.
+    floor : One pass over the detections beside its floating-point operations.
     failed : Why photographs could not be used.
     """
 
@@ -101,9 +99,9 @@ def bench_fit(
     Returns
     -------
     "rows" with a figure and its bar each, "sets" with counts and times, "profiles"
-    (seconds by stage of detection and fit), "floors" (a pass over the marks beside its
-    floating-point operations), "machine", and "errors", one line for each photograph
-    or set that could not be used.
+    (seconds by stage of detection and fit), "floors" (a pass over the detections beside
+    its floating-point operations), "machine", and "errors", one line for each
+    photograph or set that could not be used.
 
     Raises
     ------
@@ -133,7 +131,7 @@ def bench_fit(
     where = {"profiles": profiles, "floors": floors, "rates": rates._asdict()}
     found = {"rows": as_tables(rows), "sets": sets, "errors": errors} | where
     if out_dir is not None:
-        write_plot(found["rows"], Path(out_dir))
+        write_fit_plot(found["rows"], Path(out_dir))
     return bench_result("fit", on, out_dir, **found)
 
 
@@ -149,7 +147,7 @@ def measure(
     shoot = shoot_of(bench_set, data)
     looked = sampled(lambda: observe_shoot(shoot, folder, silent))
     observed = looked.result
-    # Sets without a truth are judged by where marks lie: their blur is `bench blur`'s.
+    # Sets without a truth are judged by their points: blur is `bench blur`'s.
     takes = [
         o.take if bench_set.traced else replace(o.take, dot_images=None)
         for o in observed
@@ -189,7 +187,7 @@ def rows_of(measured: Measured, data: Path) -> list[Row]:
         for pair in ("r-g", "b-g"):
             what = f"lateral colour {pair} against truth, px"
             rows.append(Row(one.name, what, truth[pair], 0.03))
-    elif one.marks is None:
+    elif one.detections is None:
         rows.append(_straightness(measured))
     else:
         rows += _against_opencv(measured)
@@ -206,13 +204,13 @@ def rows_of(measured: Measured, data: Path) -> list[Row]:
 def counts_of(measured: Measured) -> dict[str, Any]:
     """Counts and times, which have no bar of their own."""
     geometry, state = measured.geometry, measured.state
-    marks = [t.observations for t in geometry.takes]
+    detections = [t.observations for t in geometry.takes]
     centre = np.asarray(state.distortion.principal_point_mm)
     return {
         "set": measured.bench_set.name,
         "photographs": len(geometry.takes),
-        "candidates": sum(m.candidates for m in marks),
-        "indexed": sum(len(m) for m in marks),
+        "candidates": sum(m.candidates for m in detections),
+        "indexed": sum(len(m) for m in detections),
         "used": int(geometry.adjustment.used.sum()),
         "rms_px": errors_of(geometry)[0],
         "held_out_rms_px": geometry.held_out_rms_px,
@@ -238,8 +236,8 @@ def _against_opencv(measured: Measured) -> list[Row]:
         {"OpenCV 5": five.held_out_rms_px, "OpenCV 14": fourteen.held_out_rms_px},
     )
     used = float(geometry.adjustment.used.sum())
-    least = float(np.ceil(LEAST_PART_OF_MARKS * (one.marks or 0)))
-    points = Row(one.name, "points used", used, least, one.marks, least=True)
+    least = float(np.ceil(LEAST_PART_OF_DETECTIONS * (one.detections or 0)))
+    points = Row(one.name, "points used", used, least, one.detections, least=True)
     seconds = Row(
         one.name,
         "geometric fit, s",
@@ -270,7 +268,7 @@ def _edge_colour(
         f"lateral colour {channel}-g at the edge, px",
         found[0],
         MOST_COLOUR_DIFFERENCE_PX,
-        peers={"the marks": found[1], "other code": expected},
+        peers={"the detections": found[1], "other code": expected},
         expected=expected,
     )
 
@@ -299,23 +297,23 @@ def _folder(out_dir: str | Path | None, bench_set: BenchSet) -> Path | None:
     return None if out_dir is None else Path(out_dir) / bench_set.name
 
 
-def pass_flops(marks: int, shared: int, local: int) -> float:
-    """Operations of J^T J of so many marks, two rows each.
+def pass_flops(detections: int, shared: int, local: int) -> float:
+    """Operations of J^T J of so many detections, two rows each.
 
     A row of residuals takes 2 k^2 + 2 l (k + l) over k shared parameters and l of its
     photograph's.
     """
-    return 2.0 * marks * (2 * shared**2 + 2 * local * (shared + local))
+    return 2.0 * detections * (2 * shared**2 + 2 * local * (shared + local))
 
 
 def pass_floor(adjustment: Adjustment, rates: Rates) -> Floor:
-    """One pass of the geometric fit over its marks, measured now, programs compiled.
+    """One pass of the geometric fit over its points, measured now, programs compiled.
 
     Beside the operations it cannot avoid: those of derivatives, of the board and of the
     lens are not counted, so the ratio says what all of that costs.
     """
     layout = adjustment.layout
-    marks = int(adjustment.stack.present.sum())
+    detections = int(adjustment.stack.present.sum())
     seconds = best_seconds(lambda: equations_at(adjustment).matrix.block_until_ready())
-    flops = pass_flops(marks, layout.shared, layout.local)
-    return Floor("one pass over the marks", flops, "flops", rates.flops, seconds)
+    flops = pass_flops(detections, layout.shared, layout.local)
+    return Floor("one pass over the detections", flops, "flops", rates.flops, seconds)

@@ -56,14 +56,15 @@ def _straightness_px(
     lens = _green_lens(geometry, fitted)
     squared = []
     for take, mine in zip(geometry.takes, chosen, strict=True):
-        marks = take.observations
-        px_per_mm = marks.image_size_px[0] / take.sensor_size_mm[0]
+        detections = take.observations
+        px_per_mm = detections.image_size_px[0] / take.sensor_size_mm[0]
         straight_mm = lens.undistorted_from_distorted(observed_of(take))
         straight = np.asarray(straight_mm) * px_per_mm
-        number = line_numbers(marks.family, marks.lattice)
-        keep = mine[: len(marks)] & (marks.family != POINT)
-        for line in np.unique(np.column_stack([marks.family, number])[keep], axis=0):
-            mask = keep & (marks.family == line[0]) & (number == line[1])
+        number = line_numbers(detections.family, detections.lattice)
+        keep = mine[: len(detections)] & (detections.family != POINT)
+        family = detections.family
+        for line in np.unique(np.column_stack([family, number])[keep], axis=0):
+            mask = keep & (family == line[0]) & (number == line[1])
             squared.append(_squared_distances(straight[mask]))
     return float(np.sqrt(np.mean(np.concatenate(squared))))
 
@@ -94,7 +95,7 @@ def edge_colour_px(
 ) -> dict[str, tuple[float, float]]:
     """Median radial shift of red and blue against green near the edge, px.
 
-    By the lens and by the marks themselves, beyond 0.8 of the largest radius.
+    By the lens and by the detections themselves, beyond 0.8 of the largest radius.
     """
     green = np.concatenate([observed_of(take) for take in geometry.takes])
     radius = np.hypot(*green.T)

@@ -1,4 +1,4 @@
-"""What `cv2.calibrateCamera` makes of the very same marks.
+"""What `cv2.calibrateCamera` makes of the very same detections.
 
 Both its five-parameter and its fourteen-parameter model, with the same random halves of
 every view that `lensfit.fitting.chief_ray` holds out, and the time of one calibration
@@ -13,7 +13,7 @@ import numpy as np
 from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.chief_ray import ChiefRayFit
 from lensfit.fitting.held_out import HELD_OUT_SEEDS
-from lensfit.workflow.stopwatch import stopwatch
+from lensfit.progress import stopwatch
 
 _MODELS = {
     5: 0,
@@ -23,14 +23,14 @@ _MODELS = {
 
 @dataclass(frozen=True)
 class Peer:
-    """Held-out rms in pixels, and seconds of one calibration with all marks."""
+    """Held-out rms in pixels, and seconds of one calibration with all detections."""
 
     held_out_rms_px: float
     seconds: float
 
 
 def opencv_of(geometry: ChiefRayFit, parameters: int) -> Peer:
-    """OpenCV's 5- or 14-parameter model on the marks of a fit; NaN where it fails."""
+    """OpenCV's 5- or 14-parameter model on the points of a fit; NaN where it fails."""
     adjustment = geometry.adjustment
     single = len(geometry.takes) == 1
     flags = _MODELS[parameters] | cv2.CALIB_USE_INTRINSIC_GUESS
@@ -88,12 +88,12 @@ def _calibrated(geometry: ChiefRayFit, chosen: np.ndarray, flags: int):
 def _marks(
     geometry: ChiefRayFit, chosen: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Board points and pixels of the chosen marks, view by view."""
+    """Board points and pixels of the chosen detections, view by view."""
     board, observed = [], []
     for take, mine in zip(geometry.takes, chosen, strict=True):
-        marks = take.observations
-        keep = mine[: len(marks)]
-        place = (marks.lattice * np.asarray(take.pitch_mm))[keep]
+        detections = take.observations
+        keep = mine[: len(detections)]
+        place = (detections.lattice * np.asarray(take.pitch_mm))[keep]
         board.append(np.column_stack([place, np.zeros(len(place))]))
-        observed.append(marks.points_px[keep] - 0.5)
+        observed.append(detections.points_px[keep] - 0.5)
     return board, observed

@@ -6,6 +6,10 @@ and chart), and never less than `softness_mm` (added in squares); the mask is a 
 large as that of the widest f-number, shifted along the radius of the field by
 `shift` of its radii in the corner, in proportion to the field's height. Its shift
 changes sides with the side of focus, as a cat's eye does.
+
+The thin lens has the setting that was stated. Both its pupils are the lens itself, and
+it is focused by moving it: `chart.camera` says where it then stands, `optics.paraxial`
+how far light misses the sensor.
 """
 
 from typing import NamedTuple
@@ -17,8 +21,32 @@ from jaxtyping import Array, ArrayLike, Float
 from scipy.optimize import least_squares
 
 from data_synth.bench.peers.dots import PicturedDots, some_of
-from data_synth.bench.peers.thin_lens import blur_radius_mm
+from lensfit.chart.camera import object_distance_mm
 from lensfit.lens import Channel
+from lensfit.optics.paraxial import FirstOrder, defocus_mm, exit_pupil_distance_mm
+
+
+def blur_radius_mm(
+    focal_mm: float, f_number: float, focus_mm: float, object_mm: float
+) -> float:
+    """Of the disc of a point; negative for objects nearer than the focus.
+
+    Parameters
+    ----------
+    focus_mm, object_mm : From the sensor; either may be infinite.
+
+    Raises
+    ------
+    ChartError : Nothing is in focus at `focus_mm`.
+    """
+    to_sensor_mm = focal_mm
+    if np.isfinite(focus_mm):
+        to_sensor_mm = focus_mm - object_distance_mm(focal_mm, focus_mm)
+    lens = FirstOrder(*map(jnp.asarray, (focal_mm, 1.0, to_sensor_mm)))
+    focused, placed = jnp.asarray(focus_mm), jnp.asarray(object_mm)
+    cone = focal_mm / (2 * f_number) / exit_pupil_distance_mm(lens, placed)
+    return float(cone * defocus_mm(lens, focused, placed))
+
 
 FINE = 4
 """Samples along a cell, or a pixel that is asked for."""

@@ -63,13 +63,13 @@ def some_of(dots: PicturedDots, most: int) -> PicturedDots:
 
 
 def _dots_of(take: View) -> PicturedDots:
-    cut, marks = take.dot_images, take.observations
+    cut, detections = take.dot_images, take.observations
     assert cut is not None
     assert None not in (take.f_number, take.focus_distance_mm, take.target_distance_mm)
     cell_mm = take.pixel_mm * cut.cell_px
-    lattice_mm = marks.lattice[cut.marks] * np.asarray(take.pitch_mm)
+    lattice_mm = detections.lattice[cut.marks] * np.asarray(take.pitch_mm)
     place_mm = mm_from_px(
-        marks.points_px[cut.marks], marks.image_size_px, take.sensor_size_mm
+        detections.points_px[cut.marks], detections.image_size_px, take.sensor_size_mm
     )
     hole_mm2 = _imaged(lattice_mm, place_mm, (take.mark_diameter_mm or 0.0) / 2)
     return PicturedDots(

@@ -4,27 +4,30 @@
     disc and mask  a thin lens' disc, clipped towards the corner (`peers.disc`)
     Seidel only    lensfit's fit with defocus, third order, rims and blades, grey
 
-The first two are functions that make lenses (`peers.spots`), the last is a preset.
+The first two are functions that make lenses, the last is a preset.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
 from data_synth.bench.peers.disc import DiscLens, matched_disc
 from data_synth.bench.peers.dots import pictured
 from data_synth.bench.peers.gaussian import GaussianLens, gaussian_fields
-from data_synth.bench.peers.spots import LensMaker
+from data_synth.judged_lens import SpotLens
 from lensfit.errors import FitError
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.term_groups import SEIDEL
 from lensfit.preset.schema import Preset
+from lensfit.progress import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.shoot_records import Shoot
-from lensfit.workflow.stopwatch import stopwatch
 
+LensMaker = Callable[[float, float], SpotLens]
+"""Of f-number and focus distance, mm."""
 GAUSSIANS, DISC, SEIDEL_ONLY = "gaussians", "disc and mask", "Seidel only"
 
 
@@ -70,7 +73,7 @@ def refitted(
     effort: Effort = Effort.NORMAL,
     seidel_only: bool = False,
 ) -> Peer:
-    """lensfit fitted again to marks that were found before.
+    """lensfit fitted again to points that were detected before.
 
     Parameters
     ----------

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from data_synth.bench.peers.disc import blur_radius_mm
 from data_synth.bench.peers.dots import PicturedDots
-from data_synth.bench.peers.thin_lens import blur_radius_mm
 from lensfit.batches import in_batches
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.lens import Channel

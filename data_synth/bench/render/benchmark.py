@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from data_synth.bench.floor import measured_rates
-from data_synth.bench.machine import machine
+from data_synth.bench.plot import write_render_plot
 from data_synth.bench.render.blender import blender_defocus, python_with_bpy
 from data_synth.bench.render.photographed import (
     photographed_rows,
     photographed_scenes,
     preset_of_scene,
 )
-from data_synth.bench.render.plot import write_plot
 from data_synth.bench.render.point_images import bundled_preset, point_rows
 from data_synth.bench.render.profile import render_profile
 from data_synth.bench.render.scenes import (
@@ -32,8 +31,7 @@ from data_synth.bench.render.scenes import (
     synthetic_scene,
 )
 from data_synth.bench.render.whole_processes import process_rows
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.start import start_rows
 from data_synth.bench.times import RUNS, best
 from data_synth.bench.warp import warp_row
@@ -41,7 +39,6 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
-from lensfit.rendering.render_stages import DEFAULT_TOLERANCE
 
 TOLERANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 _UHD_TOLERANCES = (1e-3, 2e-3, 5e-3, 1e-2, 3e-2)
@@ -123,7 +120,7 @@ def bench_render(
     where["rates"] = rates._asdict()
     result = bench_result("render", on, out_dir, **found, **where)
     if out_dir is not None:
-        write_plot(result, Path(out_dir))
+        write_render_plot(result, Path(out_dir))
     progress("render", 6, 6)
     return result
 
@@ -142,10 +139,10 @@ def _photographed(
     for folder in photographed_scenes(data):
         own = given or preset_of_scene(folder)
         if own is not None:
-            rows += photographed_rows(folder, own, DEFAULT_TOLERANCE)
+            rows += photographed_rows(folder, own)
             fitted = fitted or own
     if scene is not None and fitted is not None:
-        rows += photographed_rows(Path(scene), fitted, DEFAULT_TOLERANCE)
+        rows += photographed_rows(Path(scene), fitted)
     if fitted is None:
         bundled = bundled_preset()
         fitted = None if bundled is None else load_preset(bundled)

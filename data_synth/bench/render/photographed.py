@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from data_synth.bench.rows import Row
+from data_synth.bench.result import Row
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr
@@ -49,7 +49,7 @@ def preset_of_scene(folder: Path) -> Preset | None:
         return load_preset(Path(out) / "preset.json")
 
 
-def photographed_rows(folder: Path, preset: Preset, tolerance: float) -> list[Row]:
+def photographed_rows(folder: Path, preset: Preset) -> list[Row]:
     """PSNR of a scene as a deep plate and as a flat one, and of no defocus.
 
     Parameters
@@ -75,9 +75,7 @@ def photographed_rows(folder: Path, preset: Preset, tolerance: float) -> list[Ro
     stack = _layers(folder, scene)
 
     def value(pixels: Any, depth_mm: np.ndarray | None) -> float:
-        return _psnr_db(
-            _frame(pixels, depth_mm, lens, data, shown, tolerance), photograph
-        )
+        return _psnr_db(_frame(pixels, depth_mm, lens, data, shown), photograph)
 
     peers = {"no defocus": value(rgba, None)}
     return [
@@ -132,16 +130,8 @@ def _frame(
     lens: Lens,
     data: Window,
     shown: Window,
-    tolerance: float,
 ) -> np.ndarray:
-    found = render(
-        pixels,
-        depth_mm,
-        lens,
-        tolerance=tolerance,
-        data_window=data,
-        display_window=shown,
-    )
+    found = render(pixels, depth_mm, lens, data_window=data, display_window=shown)
     return found[..., :3]
 
 

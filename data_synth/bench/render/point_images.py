@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import lensfit
-from data_synth.bench.rows import Row
+from data_synth.bench.result import Row
 from lensfit.coords import Window
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset

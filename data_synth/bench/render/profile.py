@@ -16,7 +16,7 @@ import numpy as np
 
 from data_synth.bench.floor import Floor, Rates, best_seconds
 from data_synth.bench.render.scenes import Scene, synthetic_scene
-from data_synth.bench.rows import Row
+from data_synth.bench.result import Row
 from data_synth.bench.sampler import sampled
 from data_synth.bench.times import timed
 from data_synth.bench.warp import SIZES, WarpTask, warp_task

@@ -12,7 +12,7 @@ from lensfit.coords import Window
 from lensfit.errors import PresetError
 from lensfit.io.exr import read_exr
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.frame.plate_in_depth import plate_in_depth
+from lensfit.plate.frame.flat_plate import plate_in_depth
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.preset.schema import Preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset

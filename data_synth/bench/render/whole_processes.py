@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from data_synth.bench.render.scenes import synthetic_scene
-from data_synth.bench.rows import Row
+from data_synth.bench.result import Row
 from lensfit.errors import LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.preset.schema import Preset

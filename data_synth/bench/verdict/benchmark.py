@@ -11,9 +11,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from data_synth.bench.machine import machine
-from data_synth.bench.result import bench_result
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.verdict.wrong_shoots import (
     WRONG_SHOOTS,
     Wrong,

@@ -13,27 +13,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from data_synth.bench.machine import machine
-from data_synth.bench.result import Machine, bench_result
-from data_synth.bench.rows import as_tables
+from data_synth.bench.plot import write_psf_plot
+from data_synth.bench.result import Machine, as_tables, bench_result, machine
 from data_synth.bench.wavefront.beside import (
     Beside,
     Seen,
     add_figures,
     images_left_out,
 )
-from data_synth.bench.wavefront.many_lenses import many_lenses_rows
-from data_synth.bench.wavefront.plot import write_plot
-from data_synth.bench.wavefront.rows import wavefront_rows
+from data_synth.bench.wavefront.rows import many_lenses_rows, wavefront_rows
 from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.programs import make_room_for_programs
-from lensfit.progress import Progress, silent
+from lensfit.progress import Progress, silent, stopwatch
 from lensfit.workflow.calibrate import calibrate_observed
 from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.shoot.shoot_records import Shoot
-from lensfit.workflow.stopwatch import stopwatch
 
 _REPORTED = ("rms_px", "held_out_rms_px", "seconds", "notes")
 
@@ -181,7 +177,7 @@ def _add_beside(
             add_figures(row["beside"], beside, seen, folder)
     finally:
         if out_dir is not None:
-            write_plot(row, Path(out_dir))
+            write_psf_plot(row, Path(out_dir))
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Beside the calibration of a traced lens: its peers, takes left out, efforts.
 
-All of it is fitted to the marks of the same photographs, found once, and judged by the
-same truth at the same settings.
+All of it is fitted to the same detections, and judged by the same truth at the same
+settings.
 """
 
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, Protocol
 
 from data_synth.bench.peers.fitted import (
     SEIDEL_ONLY,
+    LensMaker,
     Peer,
     refitted,
     simple_peers,
 )
-from data_synth.bench.peers.spots import LensMaker
 from lensfit.errors import ShootError
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.effort import Effort

@@ -6,10 +6,9 @@ from typing import Annotated
 
 import typer
 
-from data_synth.commands.bench.options import AsJson
-from data_synth.commands.bench.outcome import fail_if_any
-from lensfit.cli._bars import progress_bars
-from lensfit.cli._sizes import size_px
+from data_synth.commands.bench.outcome import AsJson, fail_if_any
+from lensfit.cli._options import size_px
+from lensfit.cli._terminal import progress_bars
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import FrameGroup, StateGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
@@ -64,7 +63,7 @@ def exchange(
 
 def _print_cycles(result: dict) -> None:
     from data_synth.commands.bench.tables import bars_table
-    from lensfit.cli._console import console
+    from lensfit.cli._terminal import console
 
     if result["cycles"]:
         console().print(bars_table(result["cycles"]))
@@ -75,7 +74,7 @@ def _print_cycles(result: dict) -> None:
 def _print(rows: list[dict]) -> None:
     from rich.table import Table
 
-    from lensfit.cli._console import console
+    from lensfit.cli._terminal import console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("format")

@@ -1,12 +1,25 @@
-"""How a benchmark says what it found, and that something failed."""
+"""Options that benchmarks share, and how each says what it found and what failed."""
 
 import json
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
-from lensfit.cli._console import console
 from lensfit.cli._door import say_error
+from lensfit.cli._terminal import console
+
+SetsFolder = Annotated[
+    Path, typer.Option("--data", help="Folder with real/ and oracle/")
+]
+OnlySet = Annotated[
+    str | None, typer.Option("--only", help="Name of the one set to measure")
+]
+JsonFolder = Annotated[Path | None, typer.Option("--out", help="Folder for JSON")]
+SmallFrames = Annotated[
+    bool, typer.Option("--quick", help="Leave frames of 8 megapixels out")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the figures as JSON")]
 
 
 def show(result: dict[str, Any], as_json: bool) -> None:
@@ -28,15 +41,14 @@ def show(result: dict[str, Any], as_json: bool) -> None:
 
 def say_machine(result: dict[str, Any]) -> None:
     """Processor, memory and versions, in a line."""
-    from data_synth.bench.machine import described
+    from data_synth.bench.result import described
 
     typer.echo(described(result["machine"]))
 
 
 def print_bars_and_curves(result: dict[str, Any]) -> None:
     """A row for each bar, then a table for each curve."""
-    from data_synth.commands.bench.curves import curve_tables
-    from data_synth.commands.bench.tables import bars_table
+    from data_synth.commands.bench.tables import bars_table, curve_tables
 
     screen = console()
     screen.print(bars_table(result["rows"]))
@@ -48,7 +60,7 @@ def print_bars_and_curves(result: dict[str, Any]) -> None:
 
 def print_profiles(result: dict[str, Any]) -> None:
     """Where the time goes and how far that is from the floor, where it was measured."""
-    from data_synth.commands.bench.profiles import profile_tables
+    from data_synth.commands.bench.tables import profile_tables
 
     screen = console()
     for table in profile_tables(result):

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from data_synth.commands.bench.options import AsJson
-from data_synth.commands.bench.outcome import fail_if_any, say_machine
+from data_synth.commands.bench.outcome import AsJson, fail_if_any, say_machine
 from data_synth.commands.prescriptions import prescription_of
-from lensfit.cli._bars import progress_bars
-from lensfit.cli._console import console
 from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
-from lensfit.cli._sizes import photograph_size_px
+from lensfit.cli._options import (
+    EFFORT_OR_NONE_HELP,
+    EFFORTS_OR_NONE,
+    photograph_size_px,
+)
+from lensfit.cli._terminal import console, progress_bars
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -168,8 +169,8 @@ def _without_holes(shoot_file: Path) -> None:
 
 def chief_ray_errors(preset: "Preset", folder: Path) -> "FrameErrors":
     """Of chief rays in the corners and of the image scale, by the trace."""
-    from data_synth.frame import Frame
     from data_synth.judge_depths import frame_errors
+    from data_synth.sensor import Frame
 
     camera = preset.camera
     frame = Frame(

@@ -7,9 +7,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 import msgspec
 import typer
 
-from lensfit.preset.aberration_knobs import AberrationKnobs
-from lensfit.preset.bokeh_knobs import BokehKnobs
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import AberrationKnobs, BokehKnobs, LookKnobs
 
 Group = TypeVar("Group")
 

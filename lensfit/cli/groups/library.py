@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.preset.library.found import FoundPreset
+    from lensfit.preset.library.layers import FoundPreset
     from lensfit.preset.library.levels import Level
 
 PRESET_HELP = (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lensfit._strict import did_you_mean
-from lensfit.preset.aberration_knobs import AberrationKnobs
+from lensfit.preset.knob_groups import AberrationKnobs
 
 if TYPE_CHECKING:
     from lensfit.rendering.render_stages import Switches

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
+from lensfit.cli._terminal import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.printable import printable
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from lensfit.preset.entry import Entry
     from lensfit.preset.library.diff import Difference
-    from lensfit.preset.library.found import FoundPreset
+    from lensfit.preset.library.layers import FoundPreset
     from lensfit.preset.schema import Preset
 
 
@@ -144,7 +144,7 @@ def _plain(one: "Difference") -> dict[str, object]:
 
 
 def _line(one: "Difference") -> str:
-    from lensfit.preset.library.found import value_text
+    from lensfit.preset.library.layers import value_text
 
     said = [f"{100 * one.relative:+.3g} %"] if one.relative is not None else []
     if one.deviations is not None:

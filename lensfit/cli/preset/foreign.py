@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
-from lensfit.cli._sizes import size_px
+from lensfit.cli._options import size_px
+from lensfit.cli._terminal import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import StateGroup
 
@@ -80,8 +80,8 @@ def import_lens(
     Example: lensfit preset import camera.yaml --sensor-width-mm 24 --out lens.json
     """
     wanted = size_px(size)
-    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.cli._terminal import progress_bars
     from lensfit.exchange.foreign import StatedValues
     from lensfit.exchange.imports import import_preset
     from lensfit.preset.store import save_preset

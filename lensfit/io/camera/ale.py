@@ -12,9 +12,13 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import error_at_line, is_missing, number
+from lensfit.io.camera.quantity import (
+    is_missing,
+    number,
+    stop,
+    written_length_mm,
+)
 from lensfit.io.camera.slates import ale_rows, places_of_columns
-from lensfit.io.camera.stop_text import stop
 from lensfit.io.camera.table import (
     CameraFile,
     FrameKey,
@@ -23,7 +27,6 @@ from lensfit.io.camera.table import (
     plain_timecode,
 )
 from lensfit.io.camera.text import MOST_ROWS, read_text
-from lensfit.io.camera.written_length import written_length_mm
 
 KIND = "Avid Log Exchange file"
 _NAMES = ("name", "clip name", "source file", "source file name", "clip")
@@ -141,7 +144,7 @@ def _row(
 
 def _put(found: RowReadings, quantity: str, text: str, column: str) -> None:
     """What a cell says, as people write it: 50mm, T2.8, 1.4 + 7/10, 4'11"."""
-    try:
+    with found.naming_line():
         if quantity in ("f_number", "t_number"):
             letter, value = stop(text, column)
             known = {"F": "f_number", "T": "t_number", None: quantity}[letter]
@@ -153,10 +156,6 @@ def _put(found: RowReadings, quantity: str, text: str, column: str) -> None:
             found.put(quantity, number(plain, column), column)
         else:
             found.put(quantity, text, column)
-    except CameraError as error:
-        if error.where is not None:
-            raise
-        raise error_at_line(error, found.path, found.line) from None
 
 
 def _is_named(clip: _Clip, stem: str) -> bool:

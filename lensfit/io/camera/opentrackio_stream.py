@@ -16,13 +16,18 @@ from pathlib import Path
 from typing import Any
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.own_entries import CUSTOM_LAYOUT, CUSTOM_MARK
 from lensfit.io.camera.quantity import Reading
 from lensfit.io.camera.table import CameraTable, Row, RowReadings, shared
 from lensfit.io.camera.text import MOST_ROWS, read_text
 from lensfit.units import MILLIMETRES_PER_METRE
 
 KIND = "OpenTrackIO stream"
+CUSTOM_MARK = "custom: lensfit layout 1"
+"""Line of a sample's calibration history where lensfit wrote its ``custom``: a preset
+goes by the focal length on the zoom ring, for which there is no entry that may change.
+"""
+CUSTOM_LAYOUT = 1.0
+"""First number of the sample's ``custom``; the nominal focal length in mm follows."""
 _NUMBERS = (
     (("static", "lens", "nominalFocalLength"), "focal_length_mm", 1.0),
     (("lens", "pinholeFocalLength"), "pinhole_focal_length_mm", 1.0),

@@ -1,10 +1,20 @@
-"""The quantities of a camera, and the numbers that stand for an unknown value.
+"""The quantities of a camera, and how cameras and crews write them.
 
 Every quantity carries its unit in its name. Sidecars write 0 for what they do not know,
 or one of a few marks; both count as unknown here.
+
+Cameras write a stop as "1.4 + 7/10", "T 2 3/10", "T2.3" or "F5.6": a number as
+engraved, and tenths (or thirds) of a stop that the iris is closed beyond it; each stop
+is a factor of sqrt 2. T-stops count transmitted light and are a little larger than the
+f-number, which counts geometry.
+
+Crews write a length as 4'11", 59 1/2 in, 1.5 m, 150 cm or inf. Feet and inches are
+those of the tape measure: after feet, inches are below twelve; a fraction follows its
+whole number after a space.
 """
 
 import math
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
@@ -135,3 +145,88 @@ def error_at_line(error: CameraError, path: Path, line: int | str) -> CameraErro
 
 def _quoted_text(text: str) -> str:
     return repr(" ".join(text.split())[:40])
+
+
+_STOP = re.compile(
+    r"\s*(?P<kind>[TtFf])?\s*/?\s*(?P<mark>\d+(?:\.\d+)?|\.\d+)"
+    r"(?:\s*\+?\s+(?P<top>\d{1,3})\s*/\s*(?P<bottom>\d{1,3}))?\s*"
+)
+
+
+def stop(text: str, entry: str) -> tuple[str | None, float]:
+    """The letter of a stop, "T", "F" or None, and its number.
+
+    Raises
+    ------
+    CameraError : The text is no stop.
+    """
+    match = _STOP.fullmatch(text) if len(text) < 64 else None
+    if match is None or match["bottom"] == "0":
+        shown = " ".join(text.split())[:40]
+        raise CameraError(f"{entry} is {shown!r} and should be a stop, such as T2.8")
+    closed = int(match["top"]) / int(match["bottom"]) if match["top"] else 0.0
+    kind = match["kind"]
+    return kind and kind.upper(), float(match["mark"]) * 2 ** (closed / 2)
+
+
+def stop_of_linear_iris(value: float) -> float:
+    """T-stop of ARRI's linear iris: 1000 is T1, and every 1000 more closes a stop."""
+    return 2 ** (min(max(value, -1e5), 1e5) / 2000 - 0.5)
+
+
+_NUMBER = r"\d+(?:\.\d+)?|\.\d+"
+_INCHES = rf"(?:(?P<inches>{_NUMBER})(?:\s+(?P<over>\d+)/(?P<under>\d+))?)"
+_FEET = re.compile(
+    rf"(?P<feet>{_NUMBER})\s*(?:'|’|′|ft\b|feet\b|foot\b)\s*"
+    rf"(?:{_INCHES}\s*(?:\"|''|”|″|in\b|inch\b|inches\b)?)?"
+)
+_ONLY_INCHES = re.compile(rf"{_INCHES}\s*(?:\"|''|”|″|in|inch|inches)")
+_METRIC = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-z]+)")
+_INFINITE = ("inf", "infinity", "∞")
+_INCHES_PER_FOOT = 12
+_REMEDY = "write 4'11\", 59 in, 1.5 m, 150 cm or 1500 mm"
+
+
+def written_length_mm(text: str, entry: str) -> float:
+    """Millimetres of a length that names its unit; may be infinite.
+
+    Parameters
+    ----------
+    text : As written.
+    entry : Whose value it is, for the message.
+
+    Raises
+    ------
+    CameraError : It is no length, names no unit, or has twelve inches after feet.
+    """
+    word = text.strip()
+    if word.lower() in _INFINITE:
+        return math.inf
+    found = _FEET.fullmatch(word)
+    if found:
+        inches = _inches(found)
+        if inches >= _INCHES_PER_FOOT:
+            raise CameraError(
+                f"{entry} = {text!r} has {inches:g} inches after its feet",
+                remedy="inches are below 12 there",
+            )
+        feet = float(found["feet"])
+        return (_INCHES_PER_FOOT * feet + inches) * MILLIMETRES_PER_INCH
+    found = _ONLY_INCHES.fullmatch(word)
+    if found:
+        return _inches(found) * MILLIMETRES_PER_INCH
+    found = _METRIC.fullmatch(word)
+    if found is None:
+        raise CameraError(f"{entry} = {text!r} is no length", remedy=_REMEDY)
+    try:
+        return float(found["number"]) * unit_mm(found["unit"], entry)
+    except CameraError as error:
+        raise CameraError(error.what, remedy=_REMEDY) from error
+
+
+def _inches(found: re.Match[str]) -> float:
+    whole = float(found["inches"] or 0)
+    if found["over"] is None:
+        return whole
+    under = int(found["under"])
+    return whole + (int(found["over"]) / under if under else math.inf)

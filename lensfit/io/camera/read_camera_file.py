@@ -7,15 +7,23 @@ from pathlib import Path
 from lensfit.bounded import read_beginning
 from lensfit.errors import CameraError
 from lensfit.io.camera.ale import read_ale
-from lensfit.io.camera.arri import read_arri
-from lensfit.io.camera.blackmagic import FRAME_HEADING, read_blackmagic
-from lensfit.io.camera.canon import read_canon
+from lensfit.io.camera.maker_tables import (
+    read_arri,
+    read_canon,
+    read_red_frames,
+    read_red_static,
+    read_sony,
+)
+from lensfit.io.camera.maker_texts import (
+    FRAME_HEADING,
+    SONY_XML_ROOT,
+    read_blackmagic,
+    read_sony_xml,
+)
 from lensfit.io.camera.mosys_f4 import is_mosys_f4, read_mosys_f4
 from lensfit.io.camera.nuke_camera import NODE, read_chan, read_nuke_camera
 from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
-from lensfit.io.camera.red import read_red_frames, read_red_static
 from lensfit.io.camera.slates import ALE_HEADING
-from lensfit.io.camera.sony import XML_ROOT, read_sony, read_sony_xml
 from lensfit.io.camera.table import CameraFile
 from lensfit.io.camera.text import sniff
 from lensfit.io.camera.usd_shot import is_usd, read_usd_shot
@@ -57,7 +65,7 @@ def read_camera_file(
         return read_nuke_camera(path, name, unit_mm)
     if beginning.lstrip()[:1] in ("{", "["):
         return read_opentrackio_stream(path)
-    if beginning.lstrip()[:1] == "<" and f"<{XML_ROOT}" in beginning:
+    if beginning.lstrip()[:1] == "<" and f"<{SONY_XML_ROOT}" in beginning:
         return read_sony_xml(path)
     first = next((line for line in beginning.splitlines() if line.strip()), "")
     if first.strip().lower() == ALE_HEADING:

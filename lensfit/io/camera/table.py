@@ -7,7 +7,8 @@ rows are all alike, such as that of an untouched prime, needs neither.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, final
 
@@ -192,6 +193,16 @@ class RowReadings(dict[str, Reading]):
     def __init__(self, path: Path, line: int):
         super().__init__()
         self.path, self.line = path, line
+
+    @contextmanager
+    def naming_line(self) -> Iterator[None]:
+        """Errors of what is read meanwhile name the line, unless they do already."""
+        try:
+            yield
+        except CameraError as error:
+            if error.where is not None:
+                raise
+            raise error_at_line(error, self.path, self.line) from None
 
     def put(self, name: str, value: float | str | None, entry: str) -> None:
         """Keep a value, unless it is None, or 0, which sidecars write for unknown."""

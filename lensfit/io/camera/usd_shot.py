@@ -17,10 +17,9 @@ from typing import Any, final
 import numpy as np
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.own_entries import USD_NOMINAL
 from lensfit.io.camera.quantity import Reading, checked_quantity
 from lensfit.io.camera.table import CameraFile, FrameKey, Readings
-from lensfit.io.usd_stage import millimetres_per_unit, open_stage
+from lensfit.io.usd_stage import USD_NOMINAL, millimetres_per_unit, open_stage
 
 KIND = "USD camera"
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")

@@ -9,8 +9,7 @@ must be stated (`lensfit.plate.frame.plate_lens`).
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from lensfit.plate.camera.plate_camera import PlateCamera
-from lensfit.plate.camera.spelling import SPELT, option_of
+from lensfit.plate.camera.plate_camera import SPELT, PlateCamera, option_of
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.schema import Preset
 from lensfit.preset.select_entry import Selection

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lensfit.errors import LensfitError
-from lensfit.io.camera.unmapped import unmapped_entries
+from lensfit.io.camera.header_entries import unmapped_entries
 from lensfit.io.metadata import CameraState
 from lensfit.plate.camera.knob_sources import AdjustedKnobs, KnobWord, knobs_of_plate
-from lensfit.plate.camera.plate_camera import PlateCamera
-from lensfit.plate.camera.sourced_value import SourcedValue
+from lensfit.plate.camera.plate_camera import PlateCamera, SourcedValue
 from lensfit.plate.camera.sources import CameraSources
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, misspelt_knob_notes

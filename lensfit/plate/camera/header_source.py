@@ -1,8 +1,8 @@
 """The plate's header as one of the sources of its camera, the last one.
 
 Where entries of one header state different values of a quantity, the better entry
-counts (`lensfit.io.camera.aliases` has the order), and a note names the others. Entries
-that mean different things may differ:
+counts (`lensfit.io.camera.header_entries` has the order), and a note names the others.
+Entries that mean different things may differ:
 
 - a focal length as on the barrel, and that of the pinhole, which is the principal
   distance and grows with focusing
@@ -15,11 +15,20 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrPart
-from lensfit.io.header_sensor import RECORDED, WHOLE_SENSOR, whole_sensor_mm
-from lensfit.io.metadata import HeaderWord, camera_words
-from lensfit.plate.camera.plate_camera import BadEntry, PlateCamera
-from lensfit.plate.camera.sourced_value import SourcedValue
-from lensfit.plate.camera.spelling import SPELT, option_of
+from lensfit.io.metadata import (
+    RECORDED,
+    WHOLE_SENSOR,
+    HeaderWord,
+    camera_words,
+    whole_sensor_mm,
+)
+from lensfit.plate.camera.plate_camera import (
+    SPELT,
+    BadEntry,
+    PlateCamera,
+    SourcedValue,
+    option_of,
+)
 
 HEADER = 1_000_000
 """Its rank; there are fewer files."""

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lensfit.errors import ImageError, LensfitError, PresetError, SettingsError
+from lensfit.plate.camera.plate_camera import option_of
 from lensfit.plate.camera.settings import Settings
-from lensfit.plate.camera.spelling import option_of
 from lensfit.preset.knobs import (
     GROUP_OF,
     NEUTRAL,

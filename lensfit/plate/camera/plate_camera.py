@@ -1,4 +1,7 @@
-"""One plate's camera from all sources, before the preset is applied."""
+"""One plate's camera from all sources, before the preset is applied.
+
+A quantity has a name in sentences and one as an option, and each value its source.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -8,7 +11,41 @@ from typing import NamedTuple
 from lensfit.errors import ImageError
 from lensfit.io.metadata import CameraState
 from lensfit.plate.camera.settings import Settings
-from lensfit.plate.camera.sourced_value import SourcedValue
+
+SPELT = {
+    "focal_length_mm": "focal length",
+    "f_number": "f-number",
+    "focus_distance_mm": "focus distance",
+    "sensor_width_mm": "sensor width",
+}
+"""Those that a frame depends on."""
+
+
+def option_of(name: str) -> str:
+    """The option that states a quantity or a knob."""
+    return "--" + name.replace("_", "-")
+
+
+class SourcedValue(NamedTuple):
+    """A value and its source.
+
+    Attributes
+    ----------
+    value : In the unit of its quantity.
+    source : The option, file or header entry, for people.
+    from_pupil : A focus distance from the pinhole of the CG camera, which is the
+        entrance pupil, rather than from the sensor.
+    rank : Place among the sources; less counts more.
+    of_pinhole : A focal length of the pinhole with the picture's angle of view, rather
+        than as on the barrel or the zoom ring.
+    """
+
+    value: float | str
+    source: str
+    from_pupil: bool = False
+    rank: int = 0
+    of_pinhole: bool = False
+
 
 _DECIDING = (
     "focal_length_mm",

@@ -27,15 +27,22 @@ import numpy as np
 from lensfit.errors import ImageError
 from lensfit.plate.camera.assumed_values import AssumedValue, assumed_values
 from lensfit.plate.camera.knob_sources import knobs_of_plate
-from lensfit.plate.camera.plate_camera import PlateCamera
-from lensfit.plate.camera.sourced_value import SourcedValue
-from lensfit.plate.camera.spelling import SPELT, option_of
+from lensfit.plate.camera.plate_camera import (
+    SPELT,
+    PlateCamera,
+    SourcedValue,
+    option_of,
+)
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, Knobs, misspelt_knob_notes
-from lensfit.preset.ring_focal_length import ring_focal_length_mm
-from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
+from lensfit.preset.scaled_look import (
+    UNSCALED,
+    ScaledLook,
+    scaled_look,
+    spanned_width_note,
+)
 from lensfit.preset.schema import Preset
-from lensfit.preset.spanned_width import spanned_width_note
+from lensfit.preset.select_entry import ring_focal_length_mm
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
 from lensfit.rendering.uv import SpannedWidth
 

@@ -36,10 +36,13 @@ from lensfit.plate.camera.header_source import (
     contradictions,
     whole_sensor_note,
 )
-from lensfit.plate.camera.plate_camera import PlateCamera
+from lensfit.plate.camera.plate_camera import (
+    SPELT,
+    PlateCamera,
+    SourcedValue,
+    option_of,
+)
 from lensfit.plate.camera.settings import Settings, load_settings, settings_beside
-from lensfit.plate.camera.sourced_value import SourcedValue
-from lensfit.plate.camera.spelling import SPELT, option_of
 from lensfit.plate.notes import FrameNote
 
 

@@ -23,7 +23,7 @@ from lensfit.io.sequence import (
     parse_frames,
     split_pattern,
 )
-from lensfit.plate.sequence_notes import gaps_note
+from lensfit.plate.notes import gaps_note
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 

@@ -24,7 +24,7 @@ from lensfit.errors import OutputError
 from lensfit.plate.farm.job import FarmJob, HandedOption, option_words
 
 _PROGRESS = "--progress=openjd"
-"""Tells a worker how far a task is (`lensfit.cli._frame_progress`)."""
+"""Tells a worker how far a task is (`lensfit.cli._terminal`)."""
 _MOST_TASKS = 1024
 _MOST_PARAMETERS = 50
 _LONGEST_VALUE = 1024

@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 from lensfit.atomic import atomic_path
 from lensfit.io.exr import ExrImage, write_exr
-from lensfit.plate.frame.signature import is_made_here
+from lensfit.plate.frame.provenance import is_made_here
 
 CONTENT = "lensfit/content"
 """Header entry that holds it."""

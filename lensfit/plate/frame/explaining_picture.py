@@ -19,10 +19,9 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_views import views_of
 from lensfit.plate.camera.plate_state import BLUR
-from lensfit.plate.channels import colour_layers
-from lensfit.plate.frame.plate_in_depth import plate_in_depth
+from lensfit.plate.frame.flat_plate import plate_in_depth
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.header import plate_header
+from lensfit.plate.plate_file import colour_layers, plate_header
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.rendering.nearest import nearest

@@ -2,10 +2,14 @@
 
 Every other channel, and Cryptomatte whatever its channels are called, keeps its bits:
 ids and depths must not be mixed, so they still describe the *undistorted* plate.
+
+With depth of field a plate has distances, the objects that share its pixels, and those
+that are separated from it.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
@@ -13,11 +17,9 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.depth_channel import find_depth
-from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.exr_layers import with_channels
+from lensfit.io.exr import ExrImage, ExrPart, with_channels
 from lensfit.plate.camera.plate_state import PlateState
-from lensfit.plate.channels import ColourLayer, colour_layers, resized_channels
-from lensfit.plate.frame.plate_in_depth import PlateInDepth, plate_in_depth
+from lensfit.plate.cut_out import CutOut
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import layer_depth_notes, number_note
 from lensfit.plate.frame.tight_window import (
@@ -26,10 +28,69 @@ from lensfit.plate.frame.tight_window import (
     is_tight,
     known_window,
 )
+from lensfit.plate.plate_depth import plate_depth
+from lensfit.plate.plate_file import ColourLayer, colour_layers, resized_channels
+from lensfit.plate.plate_mattes import matte_cut_out, named_cut_out, plate_mattes
+from lensfit.preset.scaled_look import UNSCALED
 from lensfit.rendering.buffers import aligned_empty, crop
 from lensfit.rendering.frame import render_stages
+from lensfit.rendering.layer_stack import Mattes
 from lensfit.rendering.look.stack import light_spreads
 from lensfit.rendering.render_stages import Stages
+
+
+class PlateInDepth(NamedTuple):
+    """What is known over the data window of a part with colours.
+
+    Attributes
+    ----------
+    depth_mm, mattes : Of the plate; without what is cut out of it, if anything is.
+    cut_out : The objects of the edge mask.
+    """
+
+    depth_mm: Float32[np.ndarray, "height width"]
+    mattes: Mattes | None
+    cut_out: CutOut | None = None
+
+    @property
+    def seen_depth_mm(self) -> Float32[np.ndarray, "height width"]:
+        """Of the nearest thing in each pixel."""
+        return self.depth_mm if self.cut_out is None else self.cut_out.seen_depth_mm
+
+
+def plate_in_depth(
+    lens: PlateLens, part: ExrPart, state: PlateState, image: ExrImage, path: Path
+) -> PlateInDepth | None:
+    """The depth of a part with colours; None where depth of field is not wanted.
+
+    Raises
+    ------
+    ImageError : The plate has no depth, its f-number or focus distance is not known, or
+        the edge mask names an object or a channel that the plate does not have.
+    """
+    if not lens.options.switches.defocus:
+        return None
+    geometry = lens.geometry(state, part.display_window)
+    focal_length_mm = lens.cg_focal_length_mm(state)
+    found = plate_depth(image, part, lens.options.depth, geometry, focal_length_mm)
+    lens.notes.add(*found.notes)
+    state.require_blur()
+    depth, unit_mm = found.depth_mm, found.unit_mm
+    if state.scaled != UNSCALED:
+        depth = depth / np.float32(state.scaled.distances)
+        unit_mm /= state.scaled.distances
+    lens.note_focus(depth, unit_mm, state, part.display_window, path)
+    depth = lens.within_reach(depth, state)
+    window, options = part.data_window, lens.options
+    if options.edge_matte is not None:
+        cut = matte_cut_out(depth, image, path, part, options.edge_matte)
+        # The plate's Cryptomatte may hold its objects too, and nobody takes them out.
+        return PlateInDepth(cut.rest_depth_mm, None, cut)
+    if not options.edge_mask:
+        return PlateInDepth(depth, plate_mattes(image, path, window))
+    cut = named_cut_out(depth, image, path, window, options.edge_mask)
+    return PlateInDepth(cut.rest_depth_mm, cut.rest_mattes, cut)
+
 
 Pixels = Float32[np.ndarray, "height width channels"]
 

@@ -14,40 +14,39 @@ import msgspec
 import numpy as np
 
 from lensfit.coords import Window
-from lensfit.errors import ImageError, LensfitError
+from lensfit.errors import ImageError, LensfitError, error_at_frame
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_attributes import lens_attributes
 from lensfit.io.exr_deep import is_deep
-from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.header_source import refuse_several_cameras
-from lensfit.plate.camera.plate_camera import PlateCamera
+from lensfit.plate.camera.plate_camera import PlateCamera, SourcedValue
 from lensfit.plate.camera.plate_state import PlateState, plate_state
-from lensfit.plate.camera.sourced_value import SourcedValue
 from lensfit.plate.camera.sources import CameraSources
 from lensfit.plate.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.plate.frame.external_map import ExternalMap
-from lensfit.plate.frame.fingerprint import Fingerprint, fingerprint
-from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.plate_notes import border_note
 from lensfit.plate.frame.plate_views import plate_views
-from lensfit.plate.frame.restated_camera import AppliedCamera, restated
-from lensfit.plate.frame.signature import (
+from lensfit.plate.frame.provenance import (
+    Fingerprint,
+    fingerprint,
     part_with_signature,
     preset_digest,
     refuse_second_lens,
     refuse_second_straightening,
     signature,
 )
+from lensfit.plate.frame.restated_camera import AppliedCamera, restated
 from lensfit.plate.frame.tight_window import lit_window, reached_window
-from lensfit.plate.header import header_entries, plate_header
 from lensfit.plate.notes import FrameNote, Notes
 from lensfit.plate.pixel_shape import pixel_shape
 from lensfit.plate.plate_depth import depth_doubt
+from lensfit.plate.plate_file import header_entries, plate_header
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
+from lensfit.preset.scaled_look import unscaled_error
 from lensfit.preset.schema import Preset
-from lensfit.preset.spanned_width import unscaled_error
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads, look_of

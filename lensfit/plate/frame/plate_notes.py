@@ -13,9 +13,9 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.io.depth_channel import FoundDepth, is_depth_name
 from lensfit.io.exr import ExrPart
-from lensfit.io.eyes_by_name import EYES
-from lensfit.plate.channels import ColourLayer
+from lensfit.io.exr_views import EYES
 from lensfit.plate.notes import FrameNote
+from lensfit.plate.plate_file import ColourLayer
 from lensfit.rendering.render_stages import Stages, Switches
 
 _SEEN_PART = 1e-4

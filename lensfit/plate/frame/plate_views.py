@@ -9,13 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from lensfit.errors import LensfitError
+from lensfit.errors import LensfitError, error_at_frame
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_views import View, joined_views, views_of
 from lensfit.io.metadata import camera_words
-from lensfit.plate.frame.frame_error import error_at_frame
-from lensfit.plate.header import header_entries
 from lensfit.plate.notes import FrameNote
+from lensfit.plate.plate_file import header_entries
 
 
 class PlateView(NamedTuple):

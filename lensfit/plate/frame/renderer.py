@@ -27,7 +27,6 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.content_digest import is_whole
 from lensfit.plate.frame.deep_plate import render_deep
 from lensfit.plate.frame.explaining_picture import explaining_picture
-from lensfit.plate.frame.fingerprint import FINGERPRINT, Fingerprint
 from lensfit.plate.frame.flat_plate import render_flat
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import left_out_knobs
@@ -37,7 +36,7 @@ from lensfit.plate.frame.plate_views import (
     one_focus_note,
     plate_views,
 )
-from lensfit.plate.frame.signature import is_made_here
+from lensfit.plate.frame.provenance import FINGERPRINT, Fingerprint, is_made_here
 from lensfit.plate.frame.straight_plate import PlateStraightener
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.adjusted_pupil import filter_at_all_sizes

@@ -11,10 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lensfit.errors import ImageError
-from lensfit.io.camera.aliases import ALIASES, SENSOR_WIDTH_KEY, Alias
-from lensfit.io.header_entry import entry_quantity, is_entry_of_alias
-from lensfit.io.header_sensor import RECORDED, recorded_size
-from lensfit.io.metadata import camera_words
+from lensfit.io.camera.header_entries import (
+    ALIASES,
+    SENSOR_WIDTH_KEY,
+    Alias,
+    entry_quantity,
+    is_entry_of_alias,
+)
+from lensfit.io.metadata import RECORDED, camera_words, recorded_size
 from lensfit.plate.camera.header_source import ROUNDING
 
 _SAME = 1e-4

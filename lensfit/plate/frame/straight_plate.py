@@ -22,14 +22,13 @@ from jaxtyping import Float32, Int
 from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.errors import ImageError
-from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.exr_layers import with_channels
+from lensfit.io.exr import ExrImage, ExrPart, with_channels
 from lensfit.lens import Lens
 from lensfit.plate.camera.plate_state import PlateState
-from lensfit.plate.channels import ColourLayer, resized_channels
 from lensfit.plate.frame.flat_plate import layers_to_render, stacked_channels
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.signature import UNDISTORTED, part_with_signature
+from lensfit.plate.frame.provenance import UNDISTORTED, part_with_signature
+from lensfit.plate.plate_file import ColourLayer, resized_channels
 from lensfit.rendering.falloff import apply_gain, illumination_gain
 from lensfit.rendering.filters import Filter, longest_reach
 from lensfit.rendering.overscan import window_of_percent

@@ -19,8 +19,9 @@ from lensfit.preset.library.change_set import (
     Change,
     ChangeSet,
     change_set_text,
+    check_lock,
+    lock_of,
 )
-from lensfit.preset.library.found import FoundPreset, value_text
 from lensfit.preset.library.key_path import (
     MISSING,
     Tables,
@@ -29,13 +30,17 @@ from lensfit.preset.library.key_path import (
     steps_of,
     value_at,
 )
-from lensfit.preset.library.layers import put_beneath, put_together, with_layer
+from lensfit.preset.library.layers import (
+    FoundPreset,
+    put_beneath,
+    put_together,
+    value_text,
+    with_layer,
+)
 from lensfit.preset.library.levels import levels_of, now
-from lensfit.preset.library.locks import check_lock, lock_of
-from lensfit.preset.library.names import version_name
 from lensfit.preset.library.resolve_preset import lens_in
 from lensfit.preset.library.shelf import Shelf, shelves_of
-from lensfit.preset.library.versions import claim_version, next_number
+from lensfit.preset.library.versions import claim_version, next_number, version_name
 from lensfit.preset.schema import Preset
 
 _TRIES = 10_000

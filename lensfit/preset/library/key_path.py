@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 
 from lensfit.errors import PresetError
-from lensfit.preset.json_text import infinities_to_text
 from lensfit.preset.knobs import GROUP_OF
+from lensfit.preset.store import infinities_to_text
 
 Tables = dict[str, Any]
 Pairs = tuple[tuple[str, str], ...]

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from lensfit.atomic import claim, written_aside
 from lensfit.errors import OutputError, PresetError
-from lensfit.preset.json_text import to_json_text
 
 LENSES = "lenses"
 ENVIRONMENT = "LENSFIT_LIBRARY"
@@ -50,7 +49,7 @@ class Level(NamedTuple):
 
     def slugs(self) -> list[str]:
         """Folders of lenses, in order."""
-        from lensfit.preset.library.names import is_slug
+        from lensfit.preset.library.versions import is_slug
 
         try:
             found = sorted(os.listdir(self.lenses))
@@ -126,6 +125,8 @@ def mark_project(folder: Path, who: str) -> bool:
     ------
     OutputError : It is no folder, or cannot be written.
     """
+    from lensfit.preset.store import to_json_text
+
     if not folder.is_dir():
         raise OutputError("is no folder", where=folder, remedy="make it first")
     path = folder / LENSES / _PROJECT

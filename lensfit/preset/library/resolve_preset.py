@@ -16,16 +16,15 @@ from typing import Any
 
 from lensfit._strict import did_you_mean
 from lensfit.errors import PresetError
-from lensfit.preset.library.found import FoundPreset
-from lensfit.preset.library.layers import put_together
+from lensfit.preset.library.layers import FoundPreset, put_together
 from lensfit.preset.library.levels import LENSES, Level, levels_of
-from lensfit.preset.library.names import (
+from lensfit.preset.library.shelf import Shelf, known_slugs, read_version, shelves_of
+from lensfit.preset.library.versions import (
     requested_slug,
     requested_version,
     version_name,
     version_number,
 )
-from lensfit.preset.library.shelf import Shelf, known_slugs, read_version, shelves_of
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 

@@ -6,11 +6,14 @@ from typing import NamedTuple
 import msgspec
 
 from lensfit.errors import PresetError
-from lensfit.preset.library.default_mark import DefaultMark, write_mark
 from lensfit.preset.library.levels import Level, levels_of, now
-from lensfit.preset.library.names import slug_of, version_name
-from lensfit.preset.library.shelf import Shelf
-from lensfit.preset.library.versions import claim_next_version, version_path
+from lensfit.preset.library.shelf import DefaultMark, Shelf, write_mark
+from lensfit.preset.library.versions import (
+    claim_next_version,
+    slug_of,
+    version_name,
+    version_path,
+)
 from lensfit.preset.schema import LensName, Preset, Saved
 from lensfit.preset.store import preset_text
 

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import LookKnobs
 from lensfit.rendering.look.aperture_shape import ApertureShape
 from lensfit.rendering.look.blur_of_light import SharpLayer, blur_of_light
 from lensfit.rendering.look.ghosting import LEVEL, Ghosts, ghosts_of

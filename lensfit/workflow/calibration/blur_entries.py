@@ -21,7 +21,7 @@ from lensfit.optics.paraxial import (
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.sections import log_squeeze
 from lensfit.optics.spectrum import WIDTHS_NM
-from lensfit.preset.blur_blocks import Blur, Stop
+from lensfit.preset.blocks import Blur, Stop
 from lensfit.preset.blur_of_block import blur_block
 
 _PUPIL_MAGNIFICATIONS = 0.1, 10.0

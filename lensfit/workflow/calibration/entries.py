@@ -22,9 +22,8 @@ from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset import blocks
-from lensfit.preset.blocks import Camera
-from lensfit.preset.blur_blocks import Blur, BlurUncertainty
-from lensfit.preset.blur_numbers import numbers_of
+from lensfit.preset.blocks import Blur, BlurUncertainty, Camera
+from lensfit.preset.blur_of_block import numbers_of
 from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block

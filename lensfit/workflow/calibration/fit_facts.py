@@ -1,19 +1,163 @@
-"""What the fit decided of a state, for the report: its terms and its statements.
+"""What the fit decided of a state, for the report: terms, statements, its wavefront.
 
 A term is kept or left, with value, deviation and reason; a statement of the shoot file
 has its value, width and fitted value. Residuals are in widths; beyond three of them a
 statement contradicts the photographs and the other statements. Everything is plain
 numbers, ready for JSON.
+
+The wavefront's defocus of all takes may be moved by the same amount: curvature and
+spherical aberration compensate it, and no focus scale is exact. So the reported defocus
+is relative: less what all takes have in common against the distances that were stated.
+Positive is on the side of a lens that is focused nearer than the chart.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.detect.observations import Observations
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.report.plain_numbers import plain_distance
-from lensfit.workflow.calibration.blur_facts import blur_terms
+from lensfit.fitting.wavefront.start import stated_defocus_mm
+from lensfit.fitting.wavefront.term_groups import TermGroup
+from lensfit.report.plain_numbers import plain, plain_distance
+
+
+def defocus_facts(wavefront: WavefrontFit) -> list[dict[str, Any]]:
+    """Of every group of photographs, as it was fitted (`defocus_mm`) and besides what
+    all have in common (`from_stated`; None where no distance was stated)."""
+    dot_data, stage = wavefront.dot_data, wavefront.stage
+    where = stage.layout.blocks["defocus"]
+    count = len(dot_data.groups)
+    found = stage.parameters[where][:count]
+    covariance = wavefront.total_covariance[where, where][:count, :count]
+    besides = _besides_common(found, covariance, stated_defocus_mm(dot_data))
+    return [
+        {
+            "focus_distance_mm": plain_distance(group.focus_distance_mm),
+            "target_distance_mm": group.target_distance_mm,
+            "image": group.take or None,
+            "defocus_mm": float(found[k]),
+            "standard_deviation_mm": float(np.sqrt(covariance[k, k])),
+            "from_stated": besides and {key: plain(v[k]) for key, v in besides.items()},
+        }
+        for k, group in enumerate(dot_data.groups)
+    ]
+
+
+def _besides_common(
+    found: Float[np.ndarray, " groups"],
+    covariance: Float[np.ndarray, "groups groups"],
+    stated: Float[np.ndarray, " groups"],
+) -> Mapping[str, Float[np.ndarray, " groups"]] | None:
+    is_stated = np.isfinite(stated)
+    if not is_stated.any():
+        return None
+    without = np.eye(len(found)) - is_stated / is_stated.sum()
+    value = without @ found + np.mean(stated[is_stated])
+    variance = np.einsum("ij,jk,ik->i", without, covariance, without)
+    return {
+        "defocus_mm": value,
+        "standard_deviation_mm": np.sqrt(np.maximum(variance, 0.0)),
+    }
+
+
+_UNITS = {
+    "defocus": "mm",
+    "beyond": "mm",
+    "third_order": "um",
+    "cylinders_third_order": "um",
+    "cylinders_fifth_astigmatism": "um",
+    "cylinders_fifth_coma": "um",
+    "cylinders_fifth_spherical": "um",
+    "fifth_order": "um",
+    "seventh_order": "um",
+    "ninth_order": "um",
+    "axial_colour": "um",
+    "axial_colour_curved": "um",
+    "colour_of_third_order": "um",
+    "colour_of_fifth_order": "um",
+    "colour_of_third_order_curved": "um",
+    "decentred_elements": "um",
+    "change_with_focus": "um",
+}
+
+
+def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
+    """Every family of parameters: kept or left, value, deviation, reason."""
+    kept = {term_group.name: term_group for term_group in wavefront.term_groups}
+    tried = {
+        term_decision.name: term_decision for term_decision in wavefront.term_decisions
+    }
+    terms = []
+    for name in dict.fromkeys((*kept, *tried)):
+        value, deviation = None, None
+        if name in kept:
+            value, deviation = _numbers(kept[name], wavefront)
+        reason = tried[name].reason if name in tried else "part of every lens"
+        if name in wavefront.undetermined_term_groups:
+            reason += "; the photographs determine it weakly"
+        terms.append(
+            {
+                "name": f"blur_{name}",
+                "kept": name in kept,
+                "value": value,
+                "standard_deviation": deviation,
+                "unit": _UNITS.get(name, ""),
+                "reason": reason,
+            }
+        )
+    return terms
+
+
+def _targets_of(observations: Observations) -> str:
+    if observations.are_lines:
+        return "pieces of lines"
+    return "corners" if observations.are_corners else "dots"
+
+
+def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str, Any]:
+    """How well the shape of the dots is explained, per take and held out.
+
+    Parameters
+    ----------
+    wavefront : The fit.
+    pictures : Of the dots, by the take's name; see `report.pictures`.
+    """
+    dot_data, stage = wavefront.dot_data, wavefront.stage
+    misfit = wavefront.misfit
+    takes = []
+    for k, photograph in enumerate(dot_data.photographs):
+        takes.append(
+            {
+                "image": photograph.take.name,
+                "dots": int(np.sum(stage.dot_data.take == k)),
+                "targets": _targets_of(photograph.take.observations),
+                "misfit": plain(misfit.take_misfits[k]),
+                "held_out_misfit": plain(misfit.held_out_take[k]),
+                "picture": pictures.get(photograph.take.name),
+            }
+        )
+    return {
+        "takes": takes,
+        "held_out_misfit": plain(misfit.held_out_dots),
+        "defocus": defocus_facts(wavefront),
+        "blades": stage.blades,
+        "sign_known": wavefront.sign_known,
+        "mirrored": wavefront.mirrored,
+        "extrapolated": list(wavefront.extrapolation_notes),
+        "converged": wavefront.converged,
+        "not_seen": list(wavefront.undetermined_term_groups),
+    }
+
+
+def _numbers(term_group: TermGroup, wavefront: WavefrontFit) -> tuple[list, list]:
+    rows = list(term_group.indices)
+    deviation = np.sqrt(np.diag(wavefront.total_covariance))[rows]
+    return wavefront.stage.parameters[rows].tolist(), deviation.tolist()
 
 
 def terms_of(

@@ -41,7 +41,7 @@ from lensfit.io.image import (
 )
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
-from lensfit.progress import Progress
+from lensfit.progress import Progress, stopwatch
 from lensfit.workflow.calibration.overlapping_blur import overlapping_blur_reasons
 from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
@@ -49,7 +49,6 @@ from lensfit.workflow.shoot.identified_charts import pattern_of_target
 from lensfit.workflow.shoot.resolve_take import ResolvedTake, resolve_take
 from lensfit.workflow.shoot.shoot_records import Shoot, Target
 from lensfit.workflow.shoot.shoot_records import Take as ShootTake
-from lensfit.workflow.stopwatch import stopwatch
 
 _THREADS = 2
 _LOOKED_AT = 8
@@ -65,7 +64,7 @@ class Observed:
     image : Path as the shoot file has it.
     take : For the fit; None if the photograph could not be used.
     failed : Why not.
-    overlay : Picture of the marks.
+    overlay : Picture of the detections.
     small : The photograph itself, reduced; None if nothing is drawn.
     notes : What its photographer should know.
     sha256 : Hash of the photograph; empty if it could not be read.
@@ -100,7 +99,7 @@ class Observed:
 def observe_shoot(
     shoot: Shoot, out_dir: Path | None, progress: Progress
 ) -> list[Observed]:
-    """Read every photograph of a shoot, find its marks, and draw them.
+    """Read every photograph of a shoot, detect its points, and draw them.
 
     Nothing is drawn if `out_dir` is None.
     """
@@ -227,15 +226,15 @@ def _searched(
     target = resolved.target
     with _timed(seconds, "detect"):
         known["mosaic_seen"] = mosaic_seen(photograph)
-        marks = detections_of(photograph, target, take.roi)
+        detections = detections_of(photograph, target, take.roi)
     if overlay is not None:
         with _timed(seconds, "overlay"):
-            draw_overlay(photograph, marks, overlay)
+            draw_overlay(photograph, detections, overlay)
             known["overlay"] = overlay
             known["small"] = small_of(photograph)
     return {
-        "take": _take_for_fit(take, resolved, marks, photograph),
-        "notes": resolved.notes + _of_mosaic(shoot, photograph) + marks.notes,
+        "take": _take_for_fit(take, resolved, detections, photograph),
+        "notes": resolved.notes + _of_mosaic(shoot, photograph) + detections.notes,
     }
 
 
@@ -299,14 +298,14 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
 def _take_for_fit(
     take: ShootTake,
     resolved: ResolvedTake,
-    marks: Observations,
+    detections: Observations,
     photograph: Photograph,
 ) -> View:
-    dot_images = cut_dot_images(photograph, marks)
+    dot_images = cut_dot_images(photograph, detections)
     return View(
         name=take.image,
         target=resolved.target.name,
-        observations=marks,
+        observations=detections,
         pitch_mm=resolved.target.pitch_xy_mm,
         mark_diameter_mm=resolved.target.hole_diameter_mm
         or resolved.target.line_width_mm,
@@ -317,7 +316,7 @@ def _take_for_fit(
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
         dot_images=dot_images,
-        rims=cut_rims(photograph, marks, dot_images),
+        rims=cut_rims(photograph, detections, dot_images),
     )
 
 

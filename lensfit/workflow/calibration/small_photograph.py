@@ -34,10 +34,10 @@ class SmallPhotograph:
     scale: tuple[float, float]
 
 
-def small_of(photograph: Photograph, widest_px: int = WIDEST_PX) -> SmallPhotograph:
-    """A photograph reduced until its longer side is no longer than `widest_px`."""
+def small_of(photograph: Photograph) -> SmallPhotograph:
+    """A photograph reduced until its longer side is no longer than `WIDEST_PX`."""
     full = photograph.size_px
-    factor = min(1.0, widest_px / max(full))
+    factor = min(1.0, WIDEST_PX / max(full))
     size = tuple(max(1, round(side * factor)) for side in full)
     light = np.nan_to_num(photograph.luminance_channel, posinf=0.0, neginf=0.0)
     if size != full:

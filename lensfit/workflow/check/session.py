@@ -25,16 +25,20 @@ from lensfit.io.metadata import CameraState
 from lensfit.photograph import Photograph
 from lensfit.workflow.calibration.observe import detections_of
 from lensfit.workflow.check.check_records import Check, Level, Problem, worst_level
-from lensfit.workflow.check.figures import coverage_of, exposure_of, sharpness_of
+from lensfit.workflow.check.figures import (
+    coverage_of,
+    exposure_of,
+    sharpness_of,
+    write_check_picture,
+)
 from lensfit.workflow.check.focus_side import View, blurrier_in_focus, focus_side
 from lensfit.workflow.check.motion import motion_of
-from lensfit.workflow.check.picture import write_check_picture
-from lensfit.workflow.check.planned_views import (
+from lensfit.workflow.check.photographs import (
     PlannedView,
     planned_views,
     view_of_photograph,
 )
-from lensfit.workflow.check.problems import (
+from lensfit.workflow.check.sentences import (
     coverage_problems,
     exposure_problems,
     focus_problems,

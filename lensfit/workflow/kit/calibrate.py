@@ -1,8 +1,14 @@
-"""Calibrate every lens of a kit, as many at once as there are cores, resumably.
+"""Calibrate every lens of a kit: as many at once as there are cores, or on a farm.
 
 Each lens' results are an atomic output set, with a record of the outcome beside them. A
 run that is killed loses only the lenses that it was working on; the next run goes on
 with those. The kit's page is made again after every lens.
+
+The job of a render farm has a task for each lens, then one for the kit's page. It is an
+Open Job Description template, as `lensfit submit` writes one: the folder of the kit
+file and that of the results are PATH parameters, so that a farm may map them. Every
+task writes the page with the results so far, so that it exists even if a lens fails and
+the farm never starts the last step.
 """
 
 import multiprocessing
@@ -16,13 +22,68 @@ from typing import Any
 from lensfit._strict import did_you_mean
 from lensfit.cores import available_cores
 from lensfit.errors import LensfitError, ShootError
+from lensfit.plate.farm.job import absolute
+from lensfit.plate.farm.openjd_template import (
+    checked_template,
+    path_parameter,
+    text_parameter,
+)
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibration.results_folder import require_writable_folder
-from lensfit.workflow.kit.kit_records import Kit
+from lensfit.workflow.kit.kit_file import Kit
+from lensfit.workflow.kit.kit_page import write_kit
 from lensfit.workflow.kit.lens_record import fingerprint, is_done, write_record
 from lensfit.workflow.kit.lens_shoot import lens_shoot
 from lensfit.workflow.kit.lens_worker import Job, work
-from lensfit.workflow.kit.write_kit import write_kit
+
+
+def kit_template(
+    kit: Kit, out: Path, lenses: list[str], effort: str
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The template, and the values of its parameters that are paths.
+
+    Parameters
+    ----------
+    lenses : Folders of those to calibrate.
+
+    Raises
+    ------
+    OutputError : The job is larger than the specification allows.
+    """
+    definitions = [
+        text_parameter(
+            "Command", "lensfit", "The program, where it is not on the PATH"
+        ),
+        path_parameter("KitFolder", "DIRECTORY", "IN", "Folder of the kit file"),
+        text_parameter("KitName", kit.path.name, "Name of the kit file"),
+        path_parameter("Out", "DIRECTORY", "OUT", "Folder for the results"),
+        text_parameter("Effort", effort, "Speed against error of the blur"),
+    ]
+    paths = {
+        "KitFolder": str(absolute(kit.path.parent)),
+        "Out": str(absolute(out)),
+    }
+    file = "{{Param.KitFolder}}/{{Param.KitName}}"
+    one = ["kit", "calibrate", file, "--out={{Param.Out}}", "--workers=1"]
+    one += ["--effort={{Param.Effort}}", "--lens={{Task.Param.Lens}}"]
+    lens = {"name": "Lens", "type": "STRING", "range": lenses}
+    calibrate = {
+        "name": "calibrate",
+        "parameterSpace": {"taskParameterDefinitions": [lens]},
+        "script": _script(one),
+    }
+    page = {
+        "name": "page",
+        "dependencies": [{"dependsOn": "calibrate"}],
+        "script": _script(["kit", "report", file, "--out={{Param.Out}}"]),
+    }
+    name = f"lensfit kit {kit.path.stem}"
+    return checked_template(name, definitions, [calibrate, page], lenses, paths), paths
+
+
+def _script(words: list[str]) -> dict[str, Any]:
+    return {"actions": {"onRun": {"command": "{{Param.Command}}", "args": words}}}
+
 
 _STAGE = "lenses"
 _Worker = tuple[BaseProcess, Connection]
@@ -105,13 +166,13 @@ def _job(kit: Kit, folder: str, out: Path, effort: str, again: bool) -> Job | No
     """What is left to do of a lens; None of one that is done, or cannot begin."""
     results = out / folder
     try:
-        mark = fingerprint(lens_shoot(kit, folder).shoot(), effort)
+        made_of = fingerprint(lens_shoot(kit, folder).shoot(), effort)
     except LensfitError as error:
         write_record(results, "", str(error), None)
         return None
-    if not again and is_done(results, mark):
+    if not again and is_done(results, made_of):
         return None
-    return kit.path, folder, results, mark, effort
+    return kit.path, folder, results, made_of, effort
 
 
 def _outcomes(waiting: list[Job], count: int) -> Iterator[str | None]:

@@ -8,8 +8,8 @@ from importlib.resources import files
 from lensfit.report.markup import NOTHING, Markup, html_document, stated, tag
 from lensfit.report.report_page import style_sheet
 from lensfit.report.report_sections import distance_text, table_row
+from lensfit.workflow.kit.kit_file import Kit
 from lensfit.workflow.kit.kit_plan import TILT_DEG, KitView, LensPlan
-from lensfit.workflow.kit.kit_records import Kit
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _COLUMNS = (

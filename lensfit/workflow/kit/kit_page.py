@@ -1,18 +1,25 @@
 """The page of a kit: which lens to shoot again and why, then every figure of each.
 
-A pure function of what kit.json holds. One HTML file without any outside resource; it
-links to the report of each lens beside it.
+It is a pure function of what kit.json holds, which is written from the record of every
+lens. One HTML file without any outside resource; it links to the report of each lens
+beside it.
 """
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from lensfit.atomic import write_text_atomic
 from lensfit.preset.verdict import LEVELS
 from lensfit.report.evidence import joined
 from lensfit.report.markup import NOTHING, Markup, number, stated, tag
 from lensfit.report.plain_numbers import distance_of
 from lensfit.report.report_sections import distance_text, table_row
 from lensfit.workflow.kit.checklist import kit_document
+from lensfit.workflow.kit.kit_file import Kit
+from lensfit.workflow.kit.lens_record import read_record
+from lensfit.workflow.kit.match import matches
 
 Row = dict[str, Any]
 _LENSES = (
@@ -288,3 +295,55 @@ def _scale_row(title: str, one: Row) -> Markup:
     cells = [title, stated(one["focal_length_mm"], "mm"), one["engraved"]]
     cells += [distance_text(engraved), text, distance_text(spread)]
     return table_row("td", [*cells, signed(off_um, "µm")], numeric=3)
+
+
+TABLE, PAGE = "kit.json", "kit.html"
+
+
+def write_kit(kit: Kit, out: Path) -> dict[str, Any]:
+    """Write both files into the folder of results, and return what kit.json holds.
+
+    Raises
+    ------
+    OutputError : They cannot be written.
+    """
+    table = kit_table(kit, out)
+    write_text_atomic(out / TABLE, json.dumps(table, indent=1))
+    write_text_atomic(out / PAGE, kit_page(table))
+    return table
+
+
+def kit_table(kit: Kit, out: Path) -> dict[str, Any]:
+    """What became of every lens, and how lenses of a set match.
+
+    Raises
+    ------
+    LensfitError : The plan cannot be made.
+    """
+    lenses = [_row(kit, folder, out / folder) for folder in kit.lenses]
+    return {
+        "schema": "lensfit.kit.1",
+        "name": kit.name,
+        "camera": {"model": kit.camera.model},
+        "lenses": lenses,
+        "sets": matches(lenses),
+    }
+
+
+def _row(kit: Kit, folder: str, results: Path) -> dict[str, Any]:
+    lens, record = kit.lenses[folder], read_record(results)
+    row: dict[str, Any] = {
+        "folder": folder,
+        "name": lens.name,
+        "serial": lens.serial,
+        "lens_set": lens.lens_set,
+        "focal_lengths_mm": list(lens.focal_lengths_mm),
+        "state": "waiting",
+        "failed": None,
+        "report": None,
+    }
+    if record is None:
+        return row
+    if record["failed"]:
+        return row | {"state": "failed", "failed": record["failed"]}
+    return row | {"state": "done", "report": f"{folder}/report.html"} | record["facts"]

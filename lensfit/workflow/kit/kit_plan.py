@@ -18,7 +18,7 @@ from lensfit.chart.camera import (
 )
 from lensfit.errors import ShootError
 from lensfit.units import dioptres_from_mm
-from lensfit.workflow.kit.kit_records import FocusMark, Kit, KitLens
+from lensfit.workflow.kit.kit_file import FocusMark, Kit, KitLens
 
 TILT_DEG = 20.0
 _WAYS = ("left", "right", "up", "down")

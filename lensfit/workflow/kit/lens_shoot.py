@@ -16,10 +16,9 @@ from msgspec.structs import replace
 from lensfit.errors import LensfitError, ShootError
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import CameraState
-from lensfit.workflow.check.planned_views import view_of_photograph
-from lensfit.workflow.check.watched_folder import SUFFIXES
+from lensfit.workflow.check.photographs import SUFFIXES, view_of_photograph
+from lensfit.workflow.kit.kit_file import Kit
 from lensfit.workflow.kit.kit_plan import KitView, lens_plan
-from lensfit.workflow.kit.kit_records import Kit
 from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.shoot.shoot_records import Camera, LensName, Shoot, Take
 

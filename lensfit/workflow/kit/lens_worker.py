@@ -38,7 +38,7 @@ def work(jobs: Connection, index: int, workers: int) -> None:
 
 
 def calibrate_lens(
-    kit_file: Path, folder: str, out: Path, mark: str, effort: str
+    kit_file: Path, folder: str, out: Path, made_of: str, effort: str
 ) -> str | None:
     """Calibrate one lens, keep what became of it, and say why it failed, if it did."""
     from lensfit.errors import LensfitError, sentence_of
@@ -53,9 +53,9 @@ def calibrate_lens(
             f"{sentence_of(error)}; run lensfit calibrate --debug on its shoot file"
         )
     else:
-        write_record(out, mark, None, facts)
+        write_record(out, made_of, None, facts)
         return None
-    write_record(out, mark, failed, None)
+    write_record(out, made_of, failed, None)
     return failed
 
 
@@ -63,7 +63,7 @@ def _facts(kit_file: Path, folder: str, out: Path, effort: str) -> dict[str, Any
     from lensfit.preset.store import load_preset
     from lensfit.workflow.calibrate import calibrate
     from lensfit.workflow.calibration.results_folder import PRESET
-    from lensfit.workflow.kit.lens_facts import blur_widths, lens_facts
+    from lensfit.workflow.kit.lens_record import blur_widths, lens_facts
     from lensfit.workflow.kit.lens_shoot import lens_shoot
 
     kit = load_kit(kit_file)

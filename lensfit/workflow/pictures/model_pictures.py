@@ -19,10 +19,9 @@ from lensfit.errors import LensfitError, OutputError
 from lensfit.fitting.lens_states import FittedLens
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
-from lensfit.report.round_number import round_up
+from lensfit.report.plain_numbers import round_up
 from lensfit.workflow.calibration.observe import Observed
-from lensfit.workflow.pictures.chart_drawing import drawing_of
-from lensfit.workflow.pictures.modelled_light import modelled_light
+from lensfit.workflow.pictures.chart_drawing import drawing_of, modelled_light
 from lensfit.workflow.pictures.predicted_points import PredictedPoints, predicted_points
 
 FOLDER = "model"

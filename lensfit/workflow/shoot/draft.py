@@ -22,8 +22,8 @@ from lensfit.errors import OutputError, ShootError
 from lensfit.io.camera.slates import Slate, slate_of
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.inspect import Inspection
+from lensfit.workflow.shoot.crew_notation import length_mm
 from lensfit.workflow.shoot.identified_charts import free_name, target_of_pattern
-from lensfit.workflow.shoot.lengths import length_mm
 from lensfit.workflow.shoot.toml_lines import toml_value
 
 _STOP = re.compile(r"(?P<kind>[TtFf]?)\s*/?\s*(?P<number>\d+(?:\.\d+)?)")

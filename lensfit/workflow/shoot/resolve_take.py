@@ -14,7 +14,7 @@ from typing import final
 from lensfit.errors import ShootError
 from lensfit.io.metadata import CameraState
 from lensfit.units import dioptres_from_mm
-from lensfit.workflow.shoot.lengths import check_focal_length
+from lensfit.workflow.shoot.crew_notation import check_focal_length
 from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
 
 DISAGREEMENT = 0.02

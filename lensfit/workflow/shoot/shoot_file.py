@@ -27,8 +27,7 @@ from lensfit._strict import (
 from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
-from lensfit.workflow.shoot.crew_notation import plain_form
-from lensfit.workflow.shoot.lengths import check_focal_length
+from lensfit.workflow.shoot.crew_notation import check_focal_length, plain_form
 from lensfit.workflow.shoot.shoot_records import (
     Camera,
     LensName,

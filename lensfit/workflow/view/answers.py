@@ -7,23 +7,29 @@ fulfilled is answered ``{"error": sentence}`` with status 422.
 While a picture is made others may be requested; each replaces the one that waited
 before it, which is dropped. So at most one picture waits behind the one in work, and
 the last one requested is always made.
+
+A length that is typed into a page is read as in shoot files.
 """
 
 import asyncio
+import math
 import threading
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from importlib.resources import files
-from typing import Any, final
+from typing import Annotated, Any, final
 
 import msgspec
+from msgspec import Meta, Struct
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from lensfit._strict import plain_complaint
-from lensfit.errors import LensfitError, sentence_of
+from lensfit.errors import LensfitError, ShootError, sentence_of
+from lensfit.workflow.shoot.crew_notation import length_mm
 
 
 class Superseded(Exception):
@@ -120,6 +126,10 @@ class RequestQueue:
     async def newest(self, lane: str, job: Callable[[], Any]) -> Any:
         """The result of a job, unless a newer one took its place in the lane."""
         return await asyncio.wrap_future(self._lane(lane).ask(job))
+
+    async def in_lane(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
+        """As `newest`, or as `done`."""
+        return await (self.newest(lane, job) if newest else self.done(job))
 
     def begin(self, lane: str, job: Callable[[], Any]) -> None:
         """A background job, before those of the lane."""
@@ -228,3 +238,38 @@ def errors_as_sentences(answer: Answer) -> Answer:
             return JSONResponse({"error": sentence_of(error)}, 500)
 
     return endpoint
+
+
+_KEY = "length"
+_DIGITS = 12
+"""Of a length, so that 1.1 m is 1100 mm."""
+
+
+class TypedLength(Struct, frozen=True, forbid_unknown_fields=True):
+    """What was typed."""
+
+    typed: Annotated[str, Meta(max_length=200)]
+
+
+def typed_length_mm(typed: str) -> float:
+    """Millimetres of a length with its unit, or of a number without.
+
+    Raises
+    ------
+    LensfitError : It is no length.
+    """
+    with suppress(ValueError):
+        if math.isfinite(number := float(typed)):
+            return number
+    try:
+        found = length_mm(typed.strip(), _KEY, "")
+    except ShootError as error:
+        said = error.what.removeprefix(f"{_KEY} = ")
+        raise LensfitError(said, remedy=error.remedy) from error
+    return float(f"{found:.{_DIGITS}g}")
+
+
+async def length_answer(request: Request) -> Response:
+    """The millimetres, or "inf"."""
+    found = typed_length_mm((await message_of(request, TypedLength)).typed)
+    return JSONResponse({"mm": "inf" if math.isinf(found) else found})

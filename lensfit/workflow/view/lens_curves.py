@@ -17,7 +17,7 @@ from lensfit.preset.blocks import Camera
 from lensfit.preset.schema import Preset
 from lensfit.report.plain_numbers import rounded
 from lensfit.units import dioptres_from_mm, mm_from_dioptres
-from lensfit.workflow.calibration.map_curves import (
+from lensfit.workflow.calibration.entry_facts import (
     RADII,
     Deviation,
     distortion_grid,

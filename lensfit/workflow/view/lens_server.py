@@ -26,13 +26,15 @@ from lensfit.workflow.view.answers import (
     RequestQueue,
     api_routes,
     errors_as_sentences,
+    length_answer,
     message_of,
     page_routes,
     png_answer,
 )
-from lensfit.workflow.view.controls import knob_controls
-from lensfit.workflow.view.lens_adjustments import require_valid_adjustments
-from lensfit.workflow.view.typed_length import length_answer
+from lensfit.workflow.view.lens_adjustments import (
+    knob_controls,
+    require_valid_adjustments,
+)
 from lensfit.workflow.view.viewed_lens import LensQuery, Tiles, ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 
@@ -147,9 +149,7 @@ class LensServer:
                     return viewed.figures(wanted)
                 return getattr(viewed, name)(wanted, self._least_mm(name, wanted))
 
-            if wanted.newest:
-                lane = f"{name} {wanted.lens}"
-                return JSONResponse(await self._in_turn.newest(lane, found))
-            return JSONResponse(await self._in_turn.done(found))
+            lane = f"{name} {wanted.lens}"
+            return JSONResponse(await self._in_turn.in_lane(wanted.newest, lane, found))
 
         return answer

@@ -18,7 +18,6 @@ A body is JSON: what is turned (`LensAdjustments`) and what is asked of it.
 """
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, final
 
@@ -32,25 +31,25 @@ from lensfit.workflow.view.answers import (
     Answer,
     RequestQueue,
     api_routes,
+    length_answer,
     message_of,
     page_routes,
     png_answer,
 )
-from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import (
     LensAdjustments,
     StartCommand,
     command_line,
+    knob_controls,
     require_valid_adjustments,
 )
 from lensfit.workflow.view.saved_adjustments import LibraryLens, save_edit
-from lensfit.workflow.view.screen_picture import screen_png
-from lensfit.workflow.view.typed_length import length_answer
-from lensfit.workflow.view.view_transform import (
+from lensfit.workflow.view.screen_picture import (
     ENVIRONMENT,
     ViewTransform,
     config_choices,
     config_names,
+    screen_png,
 )
 from lensfit.workflow.view.viewed_plate import Quality, ViewedPlate
 
@@ -65,22 +64,19 @@ PAGE_FILES = {
 Stops = Annotated[float, Meta(ge=-20, le=20)]
 
 
-class Render(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A frame that is wanted."""
-
-    quality: Quality = "full"
-    format: Literal["png", "exr"] = "png"
-    exposure_stops: Stops = 0.0
-    view: ViewTransform | None = None
-    newest: bool = False
-
-
 class Query(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A query about the adjusted lens."""
 
     exposure_stops: Stops = 0.0
     view: ViewTransform | None = None
     newest: bool = False
+
+
+class Render(Query, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A frame that is wanted."""
+
+    quality: Quality = "full"
+    format: Literal["png", "exr"] = "png"
 
 
 class Config(Struct, frozen=True, forbid_unknown_fields=True):
@@ -186,7 +182,8 @@ class PlateServer:
             pixels = viewed.pixels(query, query.quality)
             return screen_png(pixels, query.exposure_stops, query.view)
 
-        return png_answer(await self._in_lane(query.newest, query.quality, picture))
+        made = await self._in_turn.in_lane(query.newest, query.quality, picture)
+        return png_answer(made)
 
     async def plate(self, request: Request) -> Response:
         """The plate itself."""
@@ -207,7 +204,7 @@ class PlateServer:
         """Stages, error, seconds and memory."""
         query = await self._read(request, Query)
         plan = partial(self.viewed.plan, query)
-        return JSONResponse(await self._in_lane(query.newest, "plan", plan))
+        return JSONResponse(await self._in_turn.in_lane(query.newest, "plan", plan))
 
     async def focus(self, request: Request) -> Response:
         """What is sharp at a pixel."""
@@ -242,8 +239,3 @@ class PlateServer:
         return require_valid_adjustments(
             self.viewed.preset, await message_of(request, record)
         )
-
-    async def _in_lane(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
-        if newest:
-            return await self._in_turn.newest(lane, job)
-        return await self._in_turn.done(job)

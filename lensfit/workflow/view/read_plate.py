@@ -18,8 +18,8 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.channels import colour_layers
 from lensfit.plate.frame.plate_views import plate_views
+from lensfit.plate.plate_file import colour_layers
 from lensfit.workflow.view.screen_picture import first_layer
 
 Quality = Literal["proxy", "finer", "full"]

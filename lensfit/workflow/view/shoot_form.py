@@ -23,7 +23,7 @@ from lensfit.workflow.shoot.toml_lines import (
     with_table,
     without_table,
 )
-from lensfit.workflow.view.controls import label_of
+from lensfit.workflow.view.lens_adjustments import label_of
 
 _RECORDS = {"lens": LensName, "camera": Camera, "target": Target, "take": Take}
 _LISTED = ("target", "take")

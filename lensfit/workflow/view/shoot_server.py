@@ -32,7 +32,7 @@ from starlette.routing import Route
 
 from lensfit.bounded import read_bounded
 from lensfit.errors import ImageError, LensfitError, OutputError
-from lensfit.workflow.check.watched_folder import SUFFIXES
+from lensfit.workflow.check.photographs import SUFFIXES
 from lensfit.workflow.view.answers import (
     Answer,
     RequestQueue,

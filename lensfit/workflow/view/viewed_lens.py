@@ -21,8 +21,6 @@ from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import active_knobs, adjusted_knobs
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
 from lensfit.preset.schema import Preset
-from lensfit.report.breathing_figure import breathing
-from lensfit.report.grey_tiles import png, sheet_of
 from lensfit.report.kernels import (
     GAMMA,
     expected_errors,
@@ -30,9 +28,9 @@ from lensfit.report.kernels import (
     width_of_blur_mm,
     width_of_field_mm,
 )
-from lensfit.report.pictures import png_address
+from lensfit.report.pictures import png, png_address, sheet_of
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
-from lensfit.report.plots import entry_figures
+from lensfit.report.plots import breathing, entry_figures
 from lensfit.report.svg import Figure
 from lensfit.report.through import (
     BEYOND,

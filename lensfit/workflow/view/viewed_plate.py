@@ -20,13 +20,12 @@ import msgspec
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.errors import ImageError, LensfitError
+from lensfit.errors import ImageError, LensfitError, error_at_frame
 from lensfit.io.sequence import expand_frames
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
 from lensfit.plate.camera.settings import file_stamp, settings_beside
-from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.frame_outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.renderer import FrameRenderer

@@ -9,10 +9,8 @@ from typing import Any, NamedTuple, final
 
 from lensfit.bounded import read_bounded
 from lensfit.errors import ImageError, ShootError
-from lensfit.report.read_report import read_report
-from lensfit.report.write_report import is_inside
-from lensfit.workflow.calibration.results_folder import PRESET
-from lensfit.workflow.results_set import REPORT
+from lensfit.report.report_file import is_inside, read_report
+from lensfit.workflow.calibration.results_folder import PRESET, REPORT
 
 PAGE, SHOOT = "report.html", "shoot.toml"
 _LARGEST_BYTES = 64 * 2**20

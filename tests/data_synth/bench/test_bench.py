@@ -8,7 +8,7 @@ from command_line import run
 
 from data_synth.bench.fit import lens as bench_lens
 from data_synth.bench.fit.benchmark import bench_fit
-from data_synth.bench.rows import Row, as_tables
+from data_synth.bench.result import Row, as_tables
 from data_synth.bench.sets import SETS, chosen_sets, shoot_of
 from lensfit.errors import LensfitError, ShootError
 from lensfit.workflow.shoot.shoot_file import load_shoot

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from data_synth.bench import every as module
 from data_synth.bench.detect import bench_detect
 from data_synth.bench.every import bench_all
-from data_synth.bench.machine import described, machine
+from data_synth.bench.result import described, machine
 from data_synth.bench.warp import _methods, warp_task
 from data_synth.bench.wavefront.rows import wavefront_rows
 from lensfit.cli.main import app
@@ -113,5 +113,5 @@ def test_a_folder_without_photographs_is_one_line(command, tmp_path, monkeypatch
 def test_dots_of_a_real_photograph_are_counted_beside_blobs(data_dir):
     found = bench_detect(data_dir, only="dot_pattern_05")
     rows = {row["what"]: row for row in found["rows"]}
-    assert rows["marks found and numbered"]["passed"]
+    assert rows["points found and numbered"]["passed"]
     assert rows["reading, finding, numbering, s"]["value"] > 0

@@ -62,7 +62,7 @@ def test_a_set_of_lines_says_that_it_has_no_dots(monkeypatch):
     monkeypatch.setattr(blur, "fit", lambda *_, **__: nothing)
     found = bench_blur("nowhere", only="line_pattern_01")
     assert found["errors"] == [
-        "line_pattern_01: no blur was measured: its marks are no dots"
+        "line_pattern_01: no blur was measured: its chart has no dots"
     ]
     assert not found["rows"]
 

@@ -7,11 +7,9 @@ import pytest
 from command_line import run
 from wrong_usage import told_of_wrong_usage
 
-from data_synth.bench.coverage.benchmark import Subject, bench_coverage
-from data_synth.bench.coverage.predictions import Prediction
-from data_synth.bench.coverage.rows import coverage_rows
-from data_synth.bench.coverage.traced import Traced
-from data_synth.bench.rows import Row
+from data_synth.bench.coverage.benchmark import Subject, bench_coverage, coverage_rows
+from data_synth.bench.coverage.predictions import Prediction, Traced
+from data_synth.bench.result import Row
 from lensfit.errors import DetectionError
 
 PLACES, DRAWS = 40, 100

@@ -14,23 +14,25 @@ import cv2
 import numpy as np
 import pytest
 
-from data_synth.bench.cycles.against_lens import (
-    Light,
-    chart_error_px,
-    fall_off_error,
-    light_error,
-)
 from data_synth.bench.cycles.benchmark import (
     CHART_BAR_PX,
     FALL_OFF_BAR,
     LIGHT_BAR,
+    Light,
+    chart_error_px,
+    fall_off_error,
     frame_row,
+    light_error,
     side_by_side,
 )
-from data_synth.bench.cycles.cycles_picture import Cycles
-from data_synth.bench.cycles.cycles_scene import SceneScale, small_scene
-from data_synth.bench.cycles.same_frame import SameFrame, filled_depth, same_frame
-from data_synth.bench.cycles.shaded_lens import ShadedLens, shaded_lens
+from data_synth.bench.cycles.same_frame import (
+    SameFrame,
+    SceneScale,
+    filled_depth,
+    same_frame,
+    small_scene,
+)
+from data_synth.bench.cycles.shaded_lens import Cycles, ShadedLens, shaded_lens
 from lensfit.errors import LensfitError
 from lensfit.exchange.export_request import WantedState
 from lensfit.exchange.samples import ExchangeFrame

@@ -8,9 +8,9 @@ from scipy.ndimage import gaussian_filter
 from data_synth.bench.peers.disc import (
     DiscLens,
     DiscNumbers,
+    blur_radius_mm,
     matched_disc,
 )
-from data_synth.bench.peers.thin_lens import blur_radius_mm
 
 FOCAL_MM = 50.0
 SETTINGS = [(n, s, 2000.0) for n in (1.4, 2.8) for s in (1900.0, 2120.0)]

@@ -8,9 +8,7 @@ import pytest
 from PIL import Image
 from skimage.io import imread
 
-from data_synth.bench import warp
-from data_synth.bench.fit import plot as fit_plot
-from data_synth.bench.render import plot as render_plot
+from data_synth.bench import plot, warp
 
 SETS = {"small": (0.02, 0.7), "large": (0.3, 1.2)}
 
@@ -39,13 +37,13 @@ def drawn(monkeypatch):
         kept.update({curve.name: curve for curve in curves})
         return path
 
-    for module in (fit_plot, warp):
+    for module in (plot, warp):
         monkeypatch.setattr(module, "write_curves", keep)
     return kept
 
 
 def test_a_fit_has_a_curve_for_every_method_over_the_sets(drawn):
-    fit_plot.write_plot(rows(), Path())
+    plot.write_fit_plot(rows(), Path())
     assert set(drawn) == {"lensfit", "OpenCV 14"}
     assert drawn["lensfit"].seconds == [0.7, 1.2]
     assert drawn["lensfit"].labels == ("small", "large")
@@ -53,12 +51,12 @@ def test_a_fit_has_a_curve_for_every_method_over_the_sets(drawn):
 
 
 def test_sets_without_peers_draw_nothing(drawn):
-    assert fit_plot.write_plot(rows()[-1:], Path()) is None
+    assert plot.write_fit_plot(rows()[-1:], Path()) is None
     assert not drawn
 
 
 def test_the_picture_of_a_fit_can_be_opened(tmp_path):
-    path = fit_plot.write_plot(rows(), tmp_path)
+    path = plot.write_fit_plot(rows(), tmp_path)
     assert path is not None
     with Image.open(path) as picture:
         assert picture.format == "PNG"
@@ -94,11 +92,11 @@ RENDER_CURVE = [
 
 def test_peers_come_with_their_seconds_where_they_took_any():
     found = {"no defocus": (None, 24.7), "layered discs": (0.8, 33.1)}
-    assert render_plot.peers_of(RENDER_ROWS) == found
+    assert plot.peers_of(RENDER_ROWS) == found
 
 
 def test_the_picture_of_a_render_has_something_on_it(tmp_path):
-    path = render_plot.write_plot(
+    path = plot.write_render_plot(
         {"rows": RENDER_ROWS, "curves": {"plate": RENDER_CURVE}}, tmp_path
     )
     picture = imread(path)[..., :3]

@@ -8,18 +8,17 @@ import time
 import numpy as np
 import pytest
 
+from data_synth.bench.detect import agreement, misnumbered
 from data_synth.bench.fit.benchmark import pass_flops
 from data_synth.bench.floor import Floor, Rates, fft_flops, measured_rates
-from data_synth.bench.machine import machine
-from data_synth.bench.points import agreement, misnumbered
 from data_synth.bench.render.profile import blur_floor, warp_bytes
 from data_synth.bench.render.scenes import synthetic_scene
-from data_synth.bench.result import bench_result
+from data_synth.bench.result import bench_result, machine
 from data_synth.bench.sampler import sampled
 from data_synth.bench.start import start_rows
 from data_synth.bench.times import timed
-from data_synth.commands.bench.profiles import profile_tables
-from lensfit.cli._console import console
+from data_synth.commands.bench.tables import profile_tables
+from lensfit.cli._terminal import console
 from lensfit.errors import LensfitError
 from lensfit.preset.thin_lens import ThinCamera
 from lensfit.rendering.disc import disc_kernel

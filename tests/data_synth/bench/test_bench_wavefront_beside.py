@@ -9,9 +9,9 @@ from skimage.io import imread
 from wrong_usage import told_of_wrong_usage
 
 from data_synth.bench.peers.fitted import Peer, simple_peers
+from data_synth.bench.plot import curves_of, write_psf_plot
 from data_synth.bench.wavefront import beside as module
 from data_synth.bench.wavefront.beside import Beside, Seen, add_figures
-from data_synth.bench.wavefront.plot import curves_of, write_plot
 from data_synth.bench.wavefront.rows import wavefront_rows
 from lensfit.errors import FitError, ShootError
 
@@ -164,9 +164,9 @@ def test_efforts_are_a_curve_and_peers_are_points(tmp_path):
     assert (lensfit.labels, lensfit.worse) == (("fast", "best"), (0.2, 0.1))
     assert (gaussians.errors, gaussians.seconds) == ([0.2], [3.0])
     assert (thin.errors, thin.seconds) == ([0.5], [])
-    path = write_plot(row, tmp_path)
+    path = write_psf_plot(row, tmp_path)
     assert np.mean(imread(path)[..., :3] < 200) > 0.005
-    assert write_plot(judged_row(), tmp_path) is None
+    assert write_psf_plot(judged_row(), tmp_path) is None
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from data_synth.bands import Band
-from data_synth.frame import Frame
 from data_synth.lens import SetLens, set_lens
 from data_synth.prescription import load_prescription
 from data_synth.scene.layers import Lamps, Layer, Scene, square_plane
 from data_synth.scene.paints import Plain
 from data_synth.scene.shapes import Union
+from data_synth.sensor import Band, Frame
 
 GREEN = Band("g", (525.0, 540.0, 555.0), (1 / 6, 2 / 3, 1 / 6))
 BLACK = Plain((0.0, 0.0, 0.0))

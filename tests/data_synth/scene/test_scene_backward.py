@@ -7,13 +7,13 @@ import pytest
 from scene_lens import GREEN, WHITE, focused, scene_of
 
 from data_synth.aim import rays_through_pupil, tracer_from_object
-from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance, shifted_sobol
 from data_synth.scene.backward import backward_lens, openings
 from data_synth.scene.exposure import mean_radiance
 from data_synth.scene.layers import Layer, square_plane
 from data_synth.scene.open_light import irradiance_at, open_irradiance
 from data_synth.scene.shapes import Everywhere
+from data_synth.sensor import Frame
 from data_synth.spots import object_points_mm
 from data_synth.surfaces import Surface
 from data_synth.tolerances import perturbed

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scene_lens import focused
 
-from data_synth.frame import Frame
 from data_synth.prescription import load_prescription, prescription_names
 from data_synth.scene.draw import drawn_scene
 from data_synth.scene.folder import drawn_sitting
 from data_synth.scene.plates import pinhole_camera
+from data_synth.sensor import Frame
 from data_synth.trace import vertex_positions_mm
 from data_synth.wavefront_cases import frame_for
 from lensfit.errors import LensfitError

@@ -8,13 +8,13 @@ from command_line import run
 from scene_lens import focused, lamp_layer, scene_of
 from wrong_usage import told_of_wrong_usage
 
-from data_synth.frame import Frame
 from data_synth.scene.exposure import Exposed, expose_scene
 from data_synth.scene.folder import noise_figures
 from data_synth.scene.layers import Layer, square_plane
 from data_synth.scene.paints import Checker
 from data_synth.scene.sampling import Sampling, sampling_of
 from data_synth.scene.shapes import Everywhere
+from data_synth.sensor import Frame
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import read_deep
 

@@ -5,7 +5,6 @@ import pytest
 from scene_lens import BLACK, FINE, GREEN, WHITE, focused, lamp_layer, scene_of
 
 from data_synth.aim import rays_through_pupil
-from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens
 from data_synth.scene.backward import backward_lens, openings
@@ -15,6 +14,7 @@ from data_synth.scene.layers import Layer, square_plane
 from data_synth.scene.open_light import axis_irradiance, irradiance_at
 from data_synth.scene.plates import pinhole_camera
 from data_synth.scene.shapes import Discs, Rectangle, Strips
+from data_synth.sensor import Frame
 from data_synth.spots import band_chiefs_mm, band_maps, drawn_spots
 
 SQUARE = Frame((64, 64), (1.6, 1.6))

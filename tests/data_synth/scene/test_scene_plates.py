@@ -5,7 +5,6 @@ import pytest
 from scene_lens import WHITE, focused, lamp_layer, scene_of
 
 from data_synth.aim import chief_landings_mm
-from data_synth.frame import Frame
 from data_synth.lens import REFERENCE_NM, set_lens
 from data_synth.prescription import load_prescription
 from data_synth.scene.layers import Layer, floor_plane, square_plane
@@ -18,6 +17,7 @@ from data_synth.scene.plates import (
     pixel_samples,
 )
 from data_synth.scene.shapes import Everywhere, Rectangle
+from data_synth.sensor import Frame
 from data_synth.spots import object_points_mm
 from data_synth.tolerances import behind_meniscus
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from lensfit.coords import Window
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import LookKnobs
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.rendering.frame import render
 

@@ -17,7 +17,7 @@ from look_makers import (
 )
 
 from lensfit.coords import Window
-from lensfit.preset.look_knobs import LookKnobs
+from lensfit.preset.knob_groups import LookKnobs
 from lensfit.rendering.frame import render, render_stages
 from lensfit.rendering.layer_stack import LayerStack
 from lensfit.rendering.look.stack import EFFECTS, light_spreads, look_of

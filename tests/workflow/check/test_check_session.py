@@ -19,9 +19,9 @@ from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.check import session as module
 from lensfit.workflow.check.check_records import Problem
-from lensfit.workflow.check.problems import sharpening_problems
+from lensfit.workflow.check.photographs import new_photographs
+from lensfit.workflow.check.sentences import sharpening_problems
 from lensfit.workflow.check.session import CheckSession
-from lensfit.workflow.check.watched_folder import new_photographs
 from lensfit.workflow.shoot.shoot_file import load_shoot
 
 HEAD = """

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
+from lensfit.workflow.kit.kit_file import FocusMark, KitLens
 from lensfit.workflow.kit.kit_page import kit_page, summary
-from lensfit.workflow.kit.kit_records import FocusMark, KitLens
-from lensfit.workflow.kit.lens_facts import (
+from lensfit.workflow.kit.lens_record import (
     breathing_percent,
     focus_scale,
     measured_distance_mm,

@@ -9,8 +9,7 @@ from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
-from lensfit.workflow.view.controls import knob_controls
-from lensfit.workflow.view.lens_adjustments import FILES, LensAdjustments
+from lensfit.workflow.view.lens_adjustments import FILES, LensAdjustments, knob_controls
 from lensfit.workflow.view.read_plate import (
     MOST_PIXELS,
     proxy_factor,

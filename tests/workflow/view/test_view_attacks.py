@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from view_makers import Client, plate_client, thin_lens, write_depth_plate
 
-from lensfit.workflow.view.guard import MOST_BYTES
+from lensfit.workflow.view.loopback_server import MOST_BYTES
 
 JSON = {"content-type": "application/json"}
 

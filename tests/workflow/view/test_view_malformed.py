@@ -21,7 +21,7 @@ from view_makers import (
     write_depth_plate,
 )
 
-from lensfit.workflow.view.guard import MOST_BYTES
+from lensfit.workflow.view.loopback_server import MOST_BYTES
 from lensfit.workflow.view.shoot_server import LARGEST_BYTES, ShootServer
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 

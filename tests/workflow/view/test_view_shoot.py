@@ -14,7 +14,7 @@ from view_makers import Client, served, with_first_photographs_swapped
 
 from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.shoot.shoot_file import load_shoot
-from lensfit.workflow.view.guard import MOST_BYTES
+from lensfit.workflow.view.loopback_server import MOST_BYTES
 from lensfit.workflow.view.shoot_server import LARGEST_BYTES, ShootServer
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 

@@ -9,9 +9,9 @@ import pytest
 from view_makers import Answer, Client, thin_lens
 
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.workflow.view import view_transform
+from lensfit.workflow.view import screen_picture
 from lensfit.workflow.view.lens_adjustments import LensAdjustments
-from lensfit.workflow.view.view_transform import (
+from lensfit.workflow.view.screen_picture import (
     ENVIRONMENT,
     SCENE_LINEAR,
     ViewTransform,
@@ -156,7 +156,7 @@ def test_what_cannot_be_shown_is_a_sentence(client: Client, view: Any):
 def test_without_opencolorio_pictures_are_in_srgb(
     client: Client, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(view_transform, "_opencolorio", lambda: None)
+    monkeypatch.setattr(screen_picture, "_opencolorio", lambda: None)
     assert config_names() == []
     lens = client.get("api/lens").json()
     assert (lens["configs"], lens["config"]) == ([], None)
