@@ -7,6 +7,7 @@ import pytest
 from found_marks import found_marks
 from pinhole_shoots import drawn, right_shoot
 
+from lensfit.detect.observations import only
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.blur_statements import (
     blurred_views,
@@ -46,6 +47,33 @@ def test_views_of_two_lenses_are_told_apart_by_the_size_of_the_image():
     assert found[0].images == ("other_0.png", "other_1.png")
     assert "20 % larger" in found[0].text
     assert list(mixed_lenses(takes)) == []
+
+
+def bent(take, k1: float, squeeze: float):
+    """The photograph squeezed, with distortion of its own along each axis, and bent by
+    a camera's correction, which knows of no axes."""
+    seen = take.observations
+    half = np.asarray(seen.image_size_px) / 2
+    place = (seen.points_px - half) / np.linalg.norm(half)
+    place = place * (1 - 0.04 * (place**2) @ [[1, 0], [0.5, 1]])
+    place = place / [squeeze, 1] * 1.2
+    place = place * (1 + k1 * (place**2).sum(1, keepdims=True))
+    points = place * np.linalg.norm(half) + half
+    kept = (np.abs(points - half) < half - 4).all(1)
+    seen = only(replace(seen, points_px=points), kept)
+    return replace(take, observations=seen, squeeze=squeeze)
+
+
+def test_views_corrected_in_camera_are_told_apart_of_an_anamorphic_lens():
+    _, takes, _ = right()
+    raw = [replace(takes[0], name=f"raw_{k}.png") for k in range(3)]
+    raw = [bent(take, 0.0, 1.3) for take in raw]
+    corrected = [replace(bent(takes[0], 0.04, 1.3), name=f"bent_{k}.png") for k in "ab"]
+    (found,) = mixed_lenses([*raw, *corrected])
+    assert found.kind == "lens_identity"
+    assert found.images == ("bent_a.png", "bent_b.png")
+    assert "distort the edge of the frame" in found.text
+    assert list(mixed_lenses(raw)) == []
 
 
 def test_a_view_wider_than_its_like_is_blurred():
