@@ -13,6 +13,7 @@ from lensfit.workflow.statements.blur_statements import (
     blurred_views,
     contradicted_f_numbers,
     exchanged_focus_distances,
+    stated_blur_px,
     unlikely_blur,
     unlikely_focus_distances,
 )
@@ -131,6 +132,28 @@ def test_stops_that_are_exchanged_blur_no_view():
     assert unlikely_blur(swapped) == []
     (found,) = contradicted_f_numbers(swapped)
     assert found.agrees_with == pytest.approx(1.4, rel=0.05)
+
+
+def test_f_numbers_that_two_views_exchanged_are_named():
+    """Near was shot stopped down first; each is blurred by some pixels only, so that
+    neither is called blurred."""
+    _, takes, _ = right()
+    views = []
+    for stop in (4.0, 8.0):
+        for k in range(3):
+            stated = {"target_distance_mm": takes[0].focus_distance_mm}
+            view = replace(takes[k], f_number=stop, name=f"{stop:g}_{k}.png", **stated)
+            disc = 0.1 * (stated_blur_px(view) or 0.0)
+            view = replace(
+                view, sensor_size_mm=tuple(10 * np.array(view.sensor_size_mm))
+            )
+            views.append(with_width(view, float(np.hypot(2.0, disc))))
+    assert list(contradicted_f_numbers(views)) == []
+    stops = {"4_1.png": 8.0, "8_1.png": 4.0}
+    views = [replace(v, f_number=stops.get(v.name, v.f_number)) for v in views]
+    (found,) = contradicted_f_numbers(views)
+    assert set(found.images) == set(stops)
+    assert "are exchanged: the view stated at f/8" in found.text
 
 
 @pytest.mark.parametrize("moved", ["5.6_0.png", "5.6_1.png"])
