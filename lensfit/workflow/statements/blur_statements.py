@@ -198,11 +198,32 @@ def _exchanged_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
             wide, narrow = stated_blur_px(one), stated_blur_px(two)
             if None in seen or not wide or not narrow:
                 continue
+            if _changed_in_focus_px(one, two, takes) > wide:
+                continue
             middle = wide * narrow  # halfway between both, and squared
             of_wide, of_narrow = (16 * (px2 or 0.0) for px2 in seen)
             if _LEAST_PX2 < of_wide < middle < of_narrow:
                 yield _exchange_of_f_numbers(one, two)
                 return
+
+
+def _changed_in_focus_px(wide: View, narrow: View, takes: Sequence[View]) -> float:
+    """Disc that aberration, or another cause, adds between two stops in focus; infinite
+    where it is not seen. Nothing smaller is known to be defocus."""
+    sharp = [
+        [
+            width
+            for take in takes
+            if _is_in_focus(take)
+            and _same_place(take, one)
+            and take.f_number == one.f_number
+            and (width := central_diameter_px(take)) is not None
+        ]
+        for one in (wide, narrow)
+    ]
+    if not all(sharp):
+        return np.inf
+    return abs(min(sharp[0]) ** 2 - min(sharp[1]) ** 2) ** 0.5
 
 
 def _exchange_of_f_numbers(wide: View, narrow: View) -> Contradiction:

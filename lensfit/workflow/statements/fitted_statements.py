@@ -9,7 +9,7 @@ the centroids of blurred dots scatter by more than noise.
 Where views tilt enough to measure the focal length, they measure the distance from the
 entrance pupil too, and a tape that is short by some length moves the pupil back by that
 length. Where the pupil then lies is the one thing that tells: no published design is
-beyond 1.5 widths of `lensfit.fitting.usual_lens`, so two are a contradiction.
+beyond 1.5 widths of `lensfit.fitting.usual_lens`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ from lensfit.fitting.statements import CONTRADICTION, Statement
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _ONE_OF_SEVERAL = 2 * CONTRADICTION
-_UNUSUAL_PUPIL = 2.0
+_UNUSUAL_PUPIL = 1.5
 _CAUSES = (
     "lens_identity", "focal_length", "pitch", "target_distance", "statements",
     "side_of_focus", "blurred_view", "exchanged",

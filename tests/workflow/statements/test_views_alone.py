@@ -154,6 +154,11 @@ def test_f_numbers_that_two_views_exchanged_are_named():
     (found,) = contradicted_f_numbers(views)
     assert set(found.images) == set(stops)
     assert "are exchanged: the view stated at f/8" in found.text
+    # Widened in focus too, as by a tone curve on both of its views: no f-number.
+    coded = [
+        with_width(view, 4.0) if view.name == "8_0.png" else view for view in views
+    ]
+    assert list(contradicted_f_numbers(coded)) == []
 
 
 @pytest.mark.parametrize("moved", ["5.6_0.png", "5.6_1.png"])
