@@ -38,7 +38,8 @@ class Verdict(Struct, frozen=True, forbid_unknown_fields=True):
     headline : What to read if nothing else is read.
     used_for : What the level means, in words.
     accuracy_px : Rms on points that the fit never saw, or the standard deviation of the
-        map in the worst corner that was photographed, whichever is larger.
+        map in the worst corner that was photographed or of objects in the corners,
+        whichever is largest.
     covered : Part of the frame that points reach; elsewhere the map is extrapolated.
     extrapolated : Parts of the frame without points.
     reasons : Contradictions first, then from the worst to the good.

@@ -141,7 +141,7 @@ def verdict_scope(judged: Verdict) -> str:
     """Level, what for, to what accuracy and where, in one line."""
     parts = [f"Level {judged.level}: for {judged.used_for}"]
     if judged.accuracy_px is not None:
-        parts.append(f"to {number(judged.accuracy_px, 'px', 2)}")
+        parts.append(f"to {number(judged.accuracy_px, 'px', 2)} at worst")
     if judged.covered is not None:
         parts.append(f"where points are, {judged.covered:.0%} of the frame")
     if judged.extrapolated:
@@ -203,11 +203,17 @@ def _limited(level: Level, report: dict) -> Level:
 
 
 def _accuracy_px(report: dict) -> float:
-    """What the level is judged by: the held-out error, or the deviation of the worst
-    photographed corner or of objects if larger."""
+    """The worst figure that the headline names: the held-out error, or the deviation of
+    the worst photographed corner or of objects if larger."""
     error, _ = error_px(report)
-    if math.isnan(error):
-        return math.nan
+    corner, objects = _corners_and_objects_px(report)
+    return math.nan if math.isnan(error) else max(error, corner, objects)
+
+
+def _judged_px(report: dict) -> float:
+    """What the level is judged by: the same, but for objects that are known well enough
+    not to bear on it."""
+    error, _ = error_px(report)
     corner, objects = _corners_and_objects_px(report)
     return max(error, corner, objects if objects > LEAST_OBJECT_DEVIATION_PX else 0.0)
 
@@ -246,11 +252,16 @@ def _grade(report: dict) -> _Grade:
         partial = _of_part(report, said) or _of_few(report, said)
         if partial is not None:
             return partial
-    worst = _accuracy_px(report)
+    worst = _judged_px(report)
     said = _with_corners(report, error, said)
     if worst <= GOOD_PX and unmeasured_focals(report):
-        ready = "Ready for undistortion, and for CG where the stated focal length will "
-        return _graded("undistortion", "good", f"{ready}do: {said}", said)
+        # Level and figure hold; what CG needs besides nobody could check.
+        ready = (
+            "Good for undistortion, and for CG only if focal_length_mm, pitch_mm and "
+            "target_distance_mm are right, which these views cannot check (tilt the "
+            f"chart by 20° in two more): {said}"
+        )
+        return _graded("undistortion", "caution", ready, said)
     if worst <= PRECISE_PX:
         ready = f"Ready for measurement, match-moving and CG: {said}"
         return _graded("measurement", "good", ready, said)
@@ -273,7 +284,10 @@ def _with_corners(report: dict, error: float, said: str) -> str:
         return f"in its worst corner the map is known to {known} only."
     worse = max(corner, objects)
     if worse > max(error, PRECISE_PX):
-        return f"{said[:-1]}, objects in its corners within {number(worse, 'px', 2)}."
+        least = "objects in its corners are"
+        if corner >= objects:
+            least = "the map in its corners is"
+        return f"{said[:-1]}; {least} known to {number(worse, 'px', 2)}."
     return said
 
 

@@ -13,7 +13,7 @@ from lensfit.report.frame_coverage import (
     empty_places,
     pattern_px,
 )
-from lensfit.report.verdict import findings, verdict, verdict_of
+from lensfit.report.verdict import findings, verdict, verdict_of, verdict_scope
 
 SIZE_PX = (2000.0, 1500.0)
 
@@ -55,13 +55,14 @@ def test_a_small_residual_does_not_hide_uncertain_corners(report):
 
 @pytest.mark.parametrize(
     ("deviation_px", "level", "accuracy_px"),
-    [(0.25, "measurement", 0.05), (0.35, "match-moving", 0.35)],
+    [(0.25, "measurement", 0.25), (0.35, "match-moving", 0.35)],
 )
 def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(
     report, deviation_px, level, accuracy_px
 ):
-    """The map is known to 0.05 px after the best turn, objects are not without. That is
-    always said; it counts where most errors of that size show."""
+    """The map is known to 0.05 px after the best turn, objects are not without. Both
+    lines always name that; it counts for the level where most errors of that size
+    show."""
     report["held_out_rms_px"] = 0.05
     entry = report["entries"][0]
     assert verdict_of(report).level == "measurement"
@@ -71,9 +72,32 @@ def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(
     judged = verdict_of(report)
     assert judged.level == level
     assert judged.accuracy_px == pytest.approx(accuracy_px, abs=0.01)
-    assert f"objects in its corners within {deviation_px}\u202fpx." in judged.headline
+    known = f"objects in its corners are known to {deviation_px}\u202fpx."
+    assert known in judged.headline
+    assert f"; to {deviation_px}\u202fpx at worst; " in verdict_scope(judged)
     entry["object_uncertainty_grid"] = None
     assert verdict_of(report).level == "measurement"
+
+
+def test_a_map_known_less_well_than_its_objects_is_called_the_map(report):
+    """One figure in both lines, and of what it is."""
+    report["held_out_rms_px"] = 0.05
+    grid = report["entries"][0]["uncertainty_grid"]
+    grid["sd_px"] = np.full(np.shape(grid["sd_px"]), 0.2).tolist()
+    judged = verdict_of(report)
+    assert "the map in its corners is known to 0.20\u202fpx." in judged.headline
+    assert "; to 0.20\u202fpx at worst; " in verdict_scope(judged)
+
+
+def test_what_no_view_could_check_is_not_green(report):
+    """The level is that of the figures, and the headline has what it rests on."""
+    report["terms"] = [
+        {"name": "principal_distance", "kept": False, "focal_length_mm": 50.0}
+    ]
+    judged = verdict_of(report)
+    assert judged.level == "undistortion"
+    assert judged.reasons[0].tone == "caution"
+    assert "target_distance_mm are right, which these views cannot" in judged.headline
 
 
 def test_objects_known_less_well_than_a_bad_corner_stand_beside_it(report):
@@ -172,7 +196,7 @@ def test_a_focal_length_that_is_only_stated_promises_no_measurement(
     report["held_out_rms_px"] = held_out_px
     report["terms"][1]["kept"] = False
     first = findings(report)[0].sentence
-    assert first.startswith("Ready for undistortion, and for CG where the stated")
+    assert first.startswith("Good for undistortion, and for CG only if")
     assert "measurement" not in first
     assert "match-moving" not in first
 
@@ -185,7 +209,7 @@ def test_of_a_zoom_the_focal_length_that_was_not_measured_is_named():
     distance["focal_length_mm"] = 50.0
     report["terms"].append(distance | {"focal_length_mm": 85.0, "kept": False})
     assert said(report, "The focal length at 85\u202fmm is the stated one")
-    assert findings(report)[0].sentence.startswith("Ready for undistortion")
+    assert findings(report)[0].sentence.startswith("Good for undistortion")
 
 
 PITCH = {

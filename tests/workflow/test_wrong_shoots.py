@@ -117,7 +117,9 @@ def test_the_right_shoot_is_for_measurement_and_green(shoot: WrongShoot):
     judged = report["verdict"]
     assert judged["level"] == "measurement", judged["headline"]
     assert judged["reasons"][0]["tone"] == "good"
-    assert judged["accuracy_px"] <= 0.1
+    assert report["held_out_rms_px"] <= 0.1
+    # Objects are named in it, and count for the level from .3 px on.
+    assert judged["accuracy_px"] <= 0.3
     assert judged["covered"] > 0.9
 
 

@@ -9,7 +9,7 @@ The moments of dot aperture, lens and defocus add. Three things follow:
 - Of two f-numbers at one focus the parts that defocus adds are as 1/N^2, so the ratio
   of f-numbers follows from the widths in and out of focus; aberration mixes in with
   opposite signs on the two sides of focus, so both are averaged. A wrong f-number is
-  wrong alike on both sides.
+  wrong alike on both sides; those of two views exchanged, on one.
 - Else, of two views at one focus, the one stopped further down can only be wider
   through motion or a turned focus ring.
 """
@@ -180,7 +180,69 @@ def f_number_ratios(
 
 
 def contradicted_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
-    """F-numbers whose ratio is not that of the blur out of focus."""
+    """F-numbers whose ratio is not that of the blur out of focus, else those that two
+    views have exchanged."""
+    yield from list(_contradicted_ratios(takes)) or _exchanged_f_numbers(takes)
+
+
+def _exchanged_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
+    """Of two views that differ by their f-number alone, each is blurred as is stated of
+    the other. One that moved is wider, but makes the other no sharper."""
+    for one in takes:
+        for two in takes:
+            if not _same_focus(one, two) or not one.f_number or not two.f_number:
+                continue
+            if one.f_number >= 0.8 * two.f_number or _is_in_focus(one):
+                continue
+            seen = [_added_px2(take, takes) for take in (one, two)]
+            wide, narrow = stated_blur_px(one), stated_blur_px(two)
+            if None in seen or not wide or not narrow:
+                continue
+            if _changed_in_focus_px(one, two, takes) > wide:
+                continue
+            middle = wide * narrow  # halfway between both, and squared
+            of_wide, of_narrow = (16 * (px2 or 0.0) for px2 in seen)
+            if _LEAST_PX2 < of_wide < middle < of_narrow:
+                yield _exchange_of_f_numbers(one, two)
+                return
+
+
+def _changed_in_focus_px(wide: View, narrow: View, takes: Sequence[View]) -> float:
+    """Disc that aberration, or another cause, adds between two stops in focus; infinite
+    where it is not seen. Nothing smaller is known to be defocus."""
+    sharp = [
+        [
+            width
+            for take in takes
+            if _is_in_focus(take)
+            and _same_place(take, one)
+            and take.f_number == one.f_number
+            and (width := central_diameter_px(take)) is not None
+        ]
+        for one in (wide, narrow)
+    ]
+    if not all(sharp):
+        return np.inf
+    return abs(min(sharp[0]) ** 2 - min(sharp[1]) ** 2) ** 0.5
+
+
+def _exchange_of_f_numbers(wide: View, narrow: View) -> Contradiction:
+    names = f"“{Path(wide.name).stem}” and “{Path(narrow.name).stem}”"
+    return Contradiction(
+        kind="f_number",
+        limit="undistortion",
+        text=f"f_number of {names} are exchanged: the view stated at "
+        f"f/{narrow.f_number:g} is blurred as f/{wide.f_number:g} blurs, and the "
+        "reverse",
+        remedy="exchange f_number of both views, or their files",
+        statement="f_number",
+        stated=narrow.f_number,
+        agrees_with=wide.f_number,
+        images=(wide.name, narrow.name),
+    )
+
+
+def _contradicted_ratios(takes: Sequence[View]) -> Iterator[Contradiction]:
     for (wide, narrow), ratios in f_number_ratios(takes).items():
         mean = float(np.exp(np.mean(np.log(ratios))))
         off = mean / (narrow / wide)

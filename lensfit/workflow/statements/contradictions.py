@@ -26,6 +26,7 @@ from lensfit.workflow.statements.blur_statements import (
 )
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
+from lensfit.workflow.statements.focus_curves import focus_units
 from lensfit.workflow.statements.lens_identity import mixed_lenses
 from lensfit.workflow.statements.linearity import nonlinear_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
@@ -50,6 +51,7 @@ def contradictions_of_views(takes: Sequence[View]) -> list[Contradiction]:
         aspect_contradictions,
         mixed_lenses,
         exchanged_focus_distances,
+        focus_units,
         contradicted_statements,
     ):
         found = list(causes(takes))

@@ -5,6 +5,11 @@ A residual beyond three widths contradicts the photographs and the other stateme
 distance that several views of one target state was measured once, so the mean of their
 residuals is tested; the residual of a single view among them must be twice as large, as
 the centroids of blurred dots scatter by more than noise.
+
+Where views tilt enough to measure the focal length, they measure the distance from the
+entrance pupil too, and a tape that is short by some length moves the pupil back by that
+length. Where the pupil then lies is the one thing that tells: no published design is
+beyond 1.5 widths of `lensfit.fitting.usual_lens`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,6 +22,7 @@ from lensfit.fitting.statements import CONTRADICTION, Statement
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _ONE_OF_SEVERAL = 2 * CONTRADICTION
+_UNUSUAL_PUPIL = 1.5
 _CAUSES = (
     "lens_identity", "focal_length", "pitch", "target_distance", "statements",
     "side_of_focus", "blurred_view", "exchanged",
@@ -35,8 +41,8 @@ def contradicted_by_fit(
     """
     if any(one.kind in _CAUSES for one in found):
         return
-    yield from _focal_lengths(states)
-    yield from _target_distances(states)
+    by_size = [*_focal_lengths(states), *_target_distances(states)]
+    yield from by_size or _distances_of_pupils(states)
 
 
 def _focal_lengths(states: Sequence[LensState]) -> Iterator[Contradiction]:
@@ -74,6 +80,43 @@ def _target_distances(states: Sequence[LensState]) -> Iterator[Contradiction]:
                 "target_distance", key, worst.stated, worst.fitted, worst,
                 (worst.where,),
             )  # fmt: skip
+
+
+def _distances_of_pupils(states: Sequence[LensState]) -> Iterator[Contradiction]:
+    """Distances that put the entrance pupil where no usual lens has it."""
+    for state in states:
+        stated = state.geometry.statements
+        distances = [one for one in stated if one.quantity == "target_distance"]
+        pupils = [one for one in stated if one.quantity == "usual_entrance_pupil"]
+        for pupil in pupils if distances else ():
+            if abs(pupil.residual_widths) > _UNUSUAL_PUPIL:
+                yield _unusual_pupil(state, pupil, distances[0])
+                return
+
+
+def _unusual_pupil(
+    state: LensState, pupil: Statement, distance: Statement
+) -> Contradiction:
+    where = "before" if pupil.fitted > 0 else "behind"
+    agrees_mm = distance.stated + pupil.stated - pupil.fitted
+    return Contradiction(
+        kind="target_distance",
+        limit="undistortion",
+        text=f"target_distance_mm is stated as {distance.stated:.4g} mm, which puts "
+        f"the entrance pupil {abs(pupil.fitted):.0f} mm {where} the sensor; in usual "
+        f"lenses of {state.focal_length_mm:g} mm it is where {agrees_mm:.3g} mm would "
+        f"put it, give or take {pupil.width:.0f} mm",
+        remedy="measure target_distance_mm from the sensor's mark, not from the lens' "
+        "front, check pitch_mm, and photograph the chart from a second distance",
+        statement="target_distance_mm",
+        stated=distance.stated,
+        agrees_with=agrees_mm,
+        images=tuple(
+            one.where
+            for one in state.geometry.statements
+            if one.quantity == "target_distance"
+        ),
+    )
 
 
 def _contradiction(

@@ -3,9 +3,10 @@
 Where distances are stated, the size of the image implies a focal length; two lenses
 make two groups of it with a gap between them. And each view by itself shows how far
 points near the edge of the frame are displaced against its middle: a homography and two
-radial terms are fitted to it, and compared at `_AT` half diagonals of the frame's
-circle. Views of one lens agree in that, whatever pose and pitch; focusing changes it
-little.
+radial terms are fitted to it, and compared at `_AT` half diagonals towards the corner.
+An anamorphic lens displaces x and y by terms of their own, x (a x^2 + b y^2 + c r^4)
+and y (d x^2 + e y^2 + f r^4). Views of one lens agree in that, whatever pose and pitch;
+focusing changes it little.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -158,7 +159,8 @@ def implied_focal_ratio(take: View) -> float | None:
 
 
 def edge_distortion_px(take: View) -> float | None:
-    """How far distortion moves points at `_AT` half diagonals, px; None if unseen."""
+    """How far distortion moves points towards the corner, at `_AT` half diagonals, px;
+    None if unseen."""
     seen = take.observations
     half_px = np.asarray(seen.image_size_px) / 2
     diagonal_px = float(np.linalg.norm(half_px))
@@ -168,20 +170,20 @@ def edge_distortion_px(take: View) -> float | None:
     some = good[:: max(1, len(good) // _MOST_POINTS)]
     place = (seen.points_px[some] - half_px) / diagonal_px
     radius = np.linalg.norm(place, axis=1)
-    if np.quantile(radius, 0.95) < _LEAST_REACH or take.anamorphic:
+    if np.quantile(radius, 0.95) < _LEAST_REACH:
         return None
     board = seen.lattice[some] * np.asarray(take.pitch_mm) / np.mean(take.pitch_mm)
     board = board - board.mean(0)
     board = board / max(np.ptp(board, axis=0).max(), 1e-9)
     normal = np.nan_to_num(seen.normal[some])
     points = (seen.family[some] == POINT)[:, None]
+    displaced = _displaced_by_axis if take.anamorphic else _displaced
 
     def residual(p: np.ndarray) -> np.ndarray:
         matrix = np.append(p[:8], 1.0).reshape(3, 3)
         flat = np.column_stack([board, np.ones(len(board))]) @ matrix.T
         straight = flat[:, :2] / flat[:, 2:]
-        r2 = (straight**2).sum(1, keepdims=True)
-        miss = straight * (1 + r2 * (p[8] + r2 * p[9])) - place
+        miss = straight + displaced(straight, p[8:]) - place
         across = (miss * normal).sum(1, keepdims=True) * normal
         return np.where(points, miss, across).ravel()
 
@@ -189,10 +191,25 @@ def edge_distortion_px(take: View) -> float | None:
     start, _ = cv2.findHomography(board[central], place[central], 0)
     if start is None:
         return None
-    begin = np.concatenate([(start / start[2, 2]).ravel()[:8], [0.0, 0.0]])
+    terms = 6 if take.anamorphic else 2
+    begin = np.concatenate([(start / start[2, 2]).ravel()[:8], np.zeros(terms)])
     fitted = least_squares(residual, begin, loss="soft_l1", f_scale=1 / diagonal_px).x
-    r2 = _AT**2
-    return float((fitted[8] * r2 + fitted[9] * r2**2) * _AT * diagonal_px)
+    corner = half_px / diagonal_px
+    moved = displaced(_AT * corner[None], fitted[8:])[0]
+    return float(moved @ corner * diagonal_px)
+
+
+def _displaced(place: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """By two radial terms."""
+    r2 = (place**2).sum(1, keepdims=True)
+    return place * r2 * (terms[0] + r2 * terms[1])
+
+
+def _displaced_by_axis(place: np.ndarray, terms: np.ndarray) -> np.ndarray:
+    """By three terms of each axis."""
+    squares = place**2
+    powers = np.column_stack([squares, squares.sum(1) ** 2])
+    return place * (powers @ terms.reshape(2, 3).T)
 
 
 def _parted(values: Sequence[float], least_gap: float) -> tuple[int, float] | None:

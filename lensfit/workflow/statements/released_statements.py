@@ -36,6 +36,8 @@ _AS_WELL = 0.9
 """Of the best explanation: what explains so much is as probable."""
 _PER_NUMBER = 10.0
 """Chi-squared that a further number must explain."""
+_RELEASED_TAPE_SDS = 1e4
+"""Of a tape's own standard deviation: another unit is within them."""
 _MOST_ROUNDS = 2
 _BY_ITSELF = 1 + 1e-9
 """Times the focal length of views that share their parameters with no other."""
@@ -253,21 +255,28 @@ def _releases(
     stated = [k for k in model.stated if k not in distances]
     for k in stated:
         tried.append(("target_distance", k, shared, distances | {k}))
-    if len(stated) > 1:
-        tried.append(("target_distance", None, shared, distances | set(stated)))
+    tapes = {("tape", model.views[k].take.target_distance_mm) for k in stated}
+    if len(stated) > 1 and not tapes & set(shared):
+        # A tape is wrong alike wherever it was read: a number for each distance, while
+        # views that differ by more than a target put up again still contradict it.
+        wide = shared | dict.fromkeys(tapes, _RELEASED_TAPE_SDS)
+        tried.append(("target_distance", None, wide, distances))
     found = [
         _Release(
             kind,
             key,
             wide,
             free,
-            model.solve(noise_px, wide, free, solution.parameters),
+            # Poses as they were found lie at the distance that the images have by the
+            # focal length: near the end where a tape was in another unit.
+            model.solve(
+                noise_px, wide, free, None if key is None else solution.parameters
+            ),
         )
         for kind, key, wide, free in tried
     ]
     worth = [one for one in found if _change(model, one) > _FORGIVEN[one.kind]]
     # All distances at once explain what one pitch does with more numbers.
-    tapes = {model.views[k].take.target_distance_mm for k in stated}
     return sorted(
         worth,
         key=lambda one: (

@@ -83,6 +83,32 @@ def test_one_view_before_which_the_chart_was_moved_is_named():
     assert "target_distance_mm of moved is stated as 2000 mm" in found.text
 
 
+def pupil(fitted_mm: float) -> Statement:
+    return Statement("usual_entrance_pupil", "", 90.0, 95.0, fitted_mm)
+
+
+@pytest.mark.parametrize("fitted_mm", [230.0, -52.0])
+def test_a_pupil_where_published_designs_have_it_is_left_alone(fitted_mm):
+    """Within a width and a half of 95 mm."""
+    right = state(pupil(fitted_mm), distance("a.png", 2000.0))
+    assert list(contradicted_by_fit([right], [])) == []
+
+
+def test_a_tape_held_at_the_front_of_the_lens_puts_the_pupil_behind_the_sensor():
+    wrong = state(pupil(-60.0), distance("a.png", 2001.0), distance("b.png", 1999.0))
+    (found,) = contradicted_by_fit([wrong], [])
+    assert found.kind == "target_distance"
+    assert found.agrees_with == pytest.approx(2150.0)
+    assert "60 mm behind the sensor" in found.text
+    assert "from the sensor's mark" in found.remedy
+    assert found.images == ("a.png", "b.png")
+    assert found.limit == "undistortion"
+
+
+def test_a_pupil_that_no_stated_distance_places_contradicts_none():
+    assert list(contradicted_by_fit([state(pupil(-150.0))], [])) == []
+
+
 def test_where_a_cause_is_known_its_consequences_are_not_told_again():
     known = Contradiction("pitch", "undistortion", "pitch", "check it")
     wrong = state(focal(60.0))

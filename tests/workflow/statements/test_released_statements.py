@@ -104,6 +104,36 @@ def test_one_view_at_another_zoom_setting_is_named():
     assert first.images == ("view_3.png",)
 
 
+def test_two_views_at_another_zoom_setting_are_no_wrong_tape():
+    """A tape that stood still is wrong alike for all views: it does not explain that
+    two of them, a third of those with a stated distance, are larger."""
+    for seed in range(3):
+        truth, takes = shoot_of(seed)
+        still = round(truth.distance_mm)
+        takes = [replace(t, target_distance_mm=still) for t in (*takes[:3], takes[4])]
+        wrong = []
+        for k, take in enumerate(takes):
+            seen = take.observations
+            middle = np.asarray(seen.image_size_px) / 2
+            points = (seen.points_px - middle) * (1.08 if k in (1, 2) else 1) + middle
+            seen = replace(seen, points_px=points)
+            wrong.append(replace(take, observations=seen))
+        first, *_ = contradicted_statements(wrong)
+        assert first.kind == "lens_identity", (seed, first.text)
+        assert first.images == ("view_1.png", "view_2.png")
+
+
+@pytest.mark.parametrize("factor", [0.1, 1 / 25.4])
+def test_a_tape_in_another_unit_is_named_for_all_views(factor):
+    for seed in range(2):
+        truth, takes = shoot_of(seed)
+        short = round(factor * truth.distance_mm, 1)
+        wrong = [replace(take, target_distance_mm=short) for take in takes[:3]]
+        first, *_ = contradicted_statements(wrong)
+        assert first.statement == "target_distance_mm of all views", first.text
+        assert first.agrees_with == pytest.approx(truth.distance_mm, rel=0.15)
+
+
 def test_exchanged_pitches_are_named_as_such():
     for seed in range(2):
         _, takes = shoot_of(seed)

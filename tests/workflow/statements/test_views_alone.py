@@ -7,11 +7,13 @@ import pytest
 from found_marks import found_marks
 from pinhole_shoots import drawn, right_shoot
 
+from lensfit.detect.observations import only
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.blur_statements import (
     blurred_views,
     contradicted_f_numbers,
     exchanged_focus_distances,
+    stated_blur_px,
     unlikely_blur,
     unlikely_focus_distances,
 )
@@ -46,6 +48,33 @@ def test_views_of_two_lenses_are_told_apart_by_the_size_of_the_image():
     assert found[0].images == ("other_0.png", "other_1.png")
     assert "20 % larger" in found[0].text
     assert list(mixed_lenses(takes)) == []
+
+
+def bent(take, k1: float, squeeze: float):
+    """The photograph squeezed, with distortion of its own along each axis, and bent by
+    a camera's correction, which knows of no axes."""
+    seen = take.observations
+    half = np.asarray(seen.image_size_px) / 2
+    place = (seen.points_px - half) / np.linalg.norm(half)
+    place = place * (1 - 0.04 * (place**2) @ [[1, 0], [0.5, 1]])
+    place = place / [squeeze, 1] * 1.2
+    place = place * (1 + k1 * (place**2).sum(1, keepdims=True))
+    points = place * np.linalg.norm(half) + half
+    kept = (np.abs(points - half) < half - 4).all(1)
+    seen = only(replace(seen, points_px=points), kept)
+    return replace(take, observations=seen, squeeze=squeeze)
+
+
+def test_views_corrected_in_camera_are_told_apart_of_an_anamorphic_lens():
+    _, takes, _ = right()
+    raw = [replace(takes[0], name=f"raw_{k}.png") for k in range(3)]
+    raw = [bent(take, 0.0, 1.3) for take in raw]
+    corrected = [replace(bent(takes[0], 0.04, 1.3), name=f"bent_{k}.png") for k in "ab"]
+    (found,) = mixed_lenses([*raw, *corrected])
+    assert found.kind == "lens_identity"
+    assert found.images == ("bent_a.png", "bent_b.png")
+    assert "distort the edge of the frame" in found.text
+    assert list(mixed_lenses(raw)) == []
 
 
 def test_a_view_wider_than_its_like_is_blurred():
@@ -103,6 +132,33 @@ def test_stops_that_are_exchanged_blur_no_view():
     assert unlikely_blur(swapped) == []
     (found,) = contradicted_f_numbers(swapped)
     assert found.agrees_with == pytest.approx(1.4, rel=0.05)
+
+
+def test_f_numbers_that_two_views_exchanged_are_named():
+    """Near was shot stopped down first; each is blurred by some pixels only, so that
+    neither is called blurred."""
+    _, takes, _ = right()
+    views = []
+    for stop in (4.0, 8.0):
+        for k in range(3):
+            stated = {"target_distance_mm": takes[0].focus_distance_mm}
+            view = replace(takes[k], f_number=stop, name=f"{stop:g}_{k}.png", **stated)
+            disc = 0.1 * (stated_blur_px(view) or 0.0)
+            view = replace(
+                view, sensor_size_mm=tuple(10 * np.array(view.sensor_size_mm))
+            )
+            views.append(with_width(view, float(np.hypot(2.0, disc))))
+    assert list(contradicted_f_numbers(views)) == []
+    stops = {"4_1.png": 8.0, "8_1.png": 4.0}
+    views = [replace(v, f_number=stops.get(v.name, v.f_number)) for v in views]
+    (found,) = contradicted_f_numbers(views)
+    assert set(found.images) == set(stops)
+    assert "are exchanged: the view stated at f/8" in found.text
+    # Widened in focus too, as by a tone curve on both of its views: no f-number.
+    coded = [
+        with_width(view, 4.0) if view.name == "8_0.png" else view for view in views
+    ]
+    assert list(contradicted_f_numbers(coded)) == []
 
 
 @pytest.mark.parametrize("moved", ["5.6_0.png", "5.6_1.png"])
