@@ -3,7 +3,7 @@
 What the opening is, and u, is said in `lensfit.optics.pupil`. Every function takes one
 field point; callers map it over many with `jax.vmap`.
 
-Reference: H. Vogel, Mathematical Biosciences 44 (1979), the spiral of golden angles;
+Reference: H. Vogel, Mathematical Biosciences 44 (1979), the spiral of a constant angle;
 Gauss's quadrature.
 """
 
@@ -22,7 +22,7 @@ from lensfit.optics.pupil import (
     stretched_area,
 )
 
-_FEWEST_SPOKES = 89
+_FEWEST_SPOKES = 97
 
 
 class PupilNodes(eqx.Module):
@@ -48,11 +48,13 @@ def pupil_nodes(
     sharpness: float = SHARPNESS,
     turn_rad: Float[Array, ""] | float = 0.0,
 ) -> PupilNodes:
-    """Rays that fill the opening evenly, in a spiral of nearly golden angles.
+    """Rays that fill the opening evenly, in a spiral of a constant angle.
 
-    The angle is a ratio of Fibonacci's numbers, so that rays lie on a few hundred
-    spokes and the edge of the opening is asked for once on each: as even as the golden
-    angle while spokes are no fewer than a sixteenth of the rays.
+    The angle is nearly a turn by the root of 3: rays that take three wavelengths in turn
+    then fill the opening as evenly for each as all do together. (Every third ray of a
+    spiral of golden angles lies on one of seven arms.) It is a ratio of whole numbers,
+    so that rays lie on a few hundred spokes and the edge of the opening is asked for
+    once on each: as even while spokes are no fewer than a sixteenth of the rays.
 
     Parameters
     ----------
@@ -78,11 +80,15 @@ def pupil_nodes(
 
 
 def _spokes(fewest: int) -> np.ndarray:
-    """Azimuths that follow each other by nearly the golden angle, evenly spread."""
-    before, last = 1, 1
+    """Azimuths that follow each other by nearly a turn over the root of 3, evenly
+    spread: its best approximations by whole numbers."""
+    before, (step, last) = (1, 2), (3, 5)
     while last < fewest:
-        before, last = last, before + last
-    step = last - before
+        double = 1 if 3 * step**2 > last**2 else 2
+        before, (step, last) = (
+            (step, last),
+            (double * step + before[0], double * last + before[1]),
+        )
     return np.arange(last) * step % last * (2 * np.pi / last)
 
 

@@ -88,9 +88,10 @@ def test_converges_at_least_like_one_over_the_root_of_rays(dz: float):
         / np.linalg.norm(truth)
         for n in counts
     ]
-    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert slope < -0.5, (slope, errors)
-    assert errors[2] < 0.02, errors
+    line = np.polyfit(np.log(counts), np.log(errors), 1)
+    assert line[0] < -0.5, (line, errors)
+    # A single count of rays is a fifth better or worse by chance.
+    assert np.exp(np.polyval(line, np.log(2048))) < 0.02, errors
 
 
 def test_a_uniform_disc_is_integrated_over_pixels():

@@ -29,10 +29,10 @@ apertures of .45 to 1.6 pixels and images of 768 or 1536 rays. With a larger rad
 rays of a wide blur leave gaps, which appeared in the lateral colour of fits; with a
 smaller one edges are soft.
 """
-_MULTIPLES = 0.0842482705314127, 0.8975713809549175
-"""Of radius and azimuth, with which images of 384 to 3072 rays were nearest to those of
-very many, of 1200 pairs: a sixth of the error of the plastic number's powers, which
-with the golden angle of the pupil leave gaps."""
+_MULTIPLES = 0.14792203578495655, 0.819626719119277
+"""Of radius and azimuth, with which images of 768 and 1536 rays were nearest to those of
+very many, of fifty pairs drawn by chance: half of the error of the plastic number's
+powers, which with the angle of the pupil's spiral leave gaps."""
 
 
 class DotAperture(NamedTuple):

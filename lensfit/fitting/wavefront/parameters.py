@@ -14,9 +14,9 @@ plain numbers. Blocks:
   group too; other lenses have no such block;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
   ray's bend;
-- `band_width`: logarithm of the width of the bands of red, green and blue over the
-  usual one (`optics.spectrum`), the same of all: that of a camera is not known, and a
-  lens whose focus changes with colour shows it;
+- `band_width`: width of the bands of red, green and blue over the usual one
+  (`optics.spectrum`), less one, the same of all: that of a camera is not known, and a
+  lens whose focus changes with colour shows it. Negative widths are positive ones;
 - `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: clipping apertures and
   pupil (`optics.pupil`); `iris` holds squeeze, rotation and curvature of the blades;
 - `stop_ratio`: logarithm of each stop's radius over the one its f-number gives.

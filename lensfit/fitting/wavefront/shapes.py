@@ -64,13 +64,13 @@ def colours_of(
     """
     middle_nm = jnp.mean(wavelengths_nm, 1, keepdims=True)
 
-    def widened(log_width: Array) -> tuple[Array, Array]:
-        width = jnp.exp(log_width)
+    def widened(more: Array) -> tuple[Array, Array]:
+        width = 1 + more
         nm = middle_nm + width * (wavelengths_nm - middle_nm)
         return chromatic_coordinate(nm), width * dot.lateral_mm
 
-    (log_width,) = parameters[layout.blocks["band_width"]]
-    return Colour(*widened(log_width), *jax.jacfwd(widened)(log_width))
+    (more,) = parameters[layout.blocks["band_width"]]
+    return Colour(*widened(more), *jax.jacfwd(widened)(more))
 
 
 def field_point(dot: Dots, scale: Scale) -> Float[Array, "2"]:

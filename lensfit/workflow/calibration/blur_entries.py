@@ -69,7 +69,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
 
 def _band_widths_nm(wavefront: WavefrontFit) -> tuple[float, float, float]:
     stage = wavefront.stage
-    ratio = np.exp(stage.parameters[stage.layout.blocks["band_width"]])
+    ratio = np.abs(1 + stage.parameters[stage.layout.blocks["band_width"]])
     red, green, blue = (np.asarray(WIDTHS_NM) * ratio).tolist()
     return red, green, blue
 

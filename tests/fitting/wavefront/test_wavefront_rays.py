@@ -232,9 +232,9 @@ def test_rays_land_where_the_closed_forms_say():
 
 
 def _evenly(count: int, turn_rad: float) -> np.ndarray:
-    """The unit disc's spiral of nearly golden angles."""
+    """The unit disc's spiral of angles of a turn over the root of 3."""
     k = np.arange(count)
-    angle = k * 34 % 89 * (2 * np.pi / 89) + turn_rad
+    angle = k * 56 % 97 * (2 * np.pi / 97) + turn_rad
     reach = np.sqrt((k + 0.5) / count)
     return reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
 
