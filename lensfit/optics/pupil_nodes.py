@@ -50,11 +50,12 @@ def pupil_nodes(
 ) -> PupilNodes:
     """Rays that fill the opening evenly, in a spiral of a constant angle.
 
-    The angle is nearly a turn by the root of 3: rays that take three wavelengths in turn
-    then fill the opening as evenly for each as all do together. (Every third ray of a
-    spiral of golden angles lies on one of seven arms.) It is a ratio of whole numbers,
-    so that rays lie on a few hundred spokes and the edge of the opening is asked for
-    once on each: as even while spokes are no fewer than a sixteenth of the rays.
+    The angle is nearly a turn by the root of 3: rays that take three wavelengths in
+    turn then fill the opening as evenly for each as all do together. (Every third ray
+    of a spiral of golden angles lies on one of seven arms.) It is a ratio of whole
+    numbers, so that rays lie on a few hundred spokes and the edge of the opening is
+    asked for once on each: as even while spokes are no fewer than a sixteenth of the
+    rays.
 
     Parameters
     ----------
