@@ -7,6 +7,8 @@ Reference: H. Vogel, Mathematical Biosciences 44 (1979), the spiral of a constan
 Gauss's quadrature.
 """
 
+import itertools
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +24,11 @@ from lensfit.optics.pupil import (
     stretched_area,
 )
 
+TURN = 3**-0.5
+"""Part of a turn by which azimuths advance from ray to ray. Its multiples, and those of
+three times it, are spread about evenly: rays may take three wavelengths in turn, and
+each wavelength still fills the pupil by itself. (Every third ray of a spiral of golden
+angles lies on one of seven arms.)"""
 _FEWEST_SPOKES = 97
 
 
@@ -50,12 +57,9 @@ def pupil_nodes(
 ) -> PupilNodes:
     """Rays that fill the opening evenly, in a spiral of a constant angle.
 
-    The angle is nearly a turn by the root of 3: rays that take three wavelengths in
-    turn then fill the opening as evenly for each as all do together. (Every third ray
-    of a spiral of golden angles lies on one of seven arms.) It is a ratio of whole
-    numbers, so that rays lie on a few hundred spokes and the edge of the opening is
-    asked for once on each: as even while spokes are no fewer than a sixteenth of the
-    rays.
+    The angle is nearly `TURN`: a ratio of whole numbers, so that rays lie on a few
+    hundred spokes and the edge of the opening is asked for once on each: as even while
+    spokes are no fewer than a sixteenth of the rays.
 
     Parameters
     ----------
@@ -81,15 +85,14 @@ def pupil_nodes(
 
 
 def _spokes(fewest: int) -> np.ndarray:
-    """Azimuths that follow each other by nearly a turn over the root of 3, evenly
-    spread: its best approximations by whole numbers."""
-    before, (step, last) = (1, 2), (3, 5)
-    while last < fewest:
-        double = 1 if 3 * step**2 > last**2 else 2
-        before, (step, last) = (
-            (step, last),
-            (double * step + before[0], double * last + before[1]),
-        )
+    """Azimuths that follow each other by nearly `TURN`, evenly spread: its best
+    approximations by whole numbers."""
+    (step, last), following = (1, 2), (3, 5)
+    for times in itertools.cycle((1, 2)):  # its continued fraction
+        if last >= fewest:
+            break
+        before, (step, last) = (step, last), following
+        following = times * step + before[0], times * last + before[1]
     return np.arange(last) * step % last * (2 * np.pi / last)
 
 

@@ -5,9 +5,7 @@ laid for pictures rather than for derivatives:
 
 - they crowd towards the rim of the pupil, where a disc of blur has its edge: with t
   even in (0, 1), the share 1 - (1 - t)^2 of the area lies inside;
-- their azimuths advance by 1/sqrt(3) of a turn: its multiples, and those of three
-  times it, are spread about evenly, so that rays may be distributed over three
-  wavelengths and each wavelength still fills the pupil by itself;
+- their azimuths advance by `optics.pupil_nodes.TURN`, exactly;
 - a Gaussian has the area of its cell's image, |det dx/du|, so that folds of the
   wavefront (caustics) stay sharp.
 
@@ -32,11 +30,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.optics.distortion import Distortion
+from lensfit.optics.pupil_nodes import TURN
 from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.psf.pixels import LEAST_SIGMA_PX, pixel_shares
 from lensfit.psf.rays import PupilPlaces, Rays, rays_through
 
-_TURN = 2 * np.pi / 3**0.5
+_TURN_RAD = 2 * np.pi * TURN
 _RAYS = 384
 """In one turn of the loop; a multiple of every number of wavelengths."""
 _RAYS_PER_PX = 1.3
@@ -246,7 +245,9 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> Rays:
     """The rays of one turn of the loop out of several."""
     first, count = (turn * _RAYS).astype(float), (turns * _RAYS).astype(float)
     inner = np.arange(_RAYS)
-    azimuth = first * _TURN % (2 * np.pi) + jnp.asarray(inner * _TURN % (2 * np.pi))
+    azimuth = first * _TURN_RAD % (2 * np.pi) + jnp.asarray(
+        inner * _TURN_RAD % (2 * np.pi)
+    )
     left = 1 - (first + jnp.asarray(inner + 0.5)) / count
     places = PupilPlaces(azimuth, jnp.sqrt(1 - left * left), 2 * left / count)
     return rays_through(places, seen, blur, count)

@@ -50,9 +50,6 @@ def centroid_slopes_mm(
 
     def channel(colour: Colour) -> Array:
         wavelengths = len(colour.chromatic)
-        # Centroids count from the chief ray of each wavelength.
-        still = jnp.zeros_like(colour.lateral_slope_mm)
-        colour = colour._replace(lateral_slope_mm=still)
 
         def opened(pupil_parameters: Array) -> tuple[Array, Array]:
             return _polar(pupil_parameters, dot, wavelengths, layout, scale)

@@ -98,12 +98,11 @@ class PupilRays(NamedTuple):
         states = state_shapes_mm(self.u, parameters, dot, layout, scale)
         seen = (parameters, dot, colour, layout, scale)
         by_coordinate = chromatic_slopes_mm(by_mode, *seen)[:, 0]
-        by_lateral = jnp.einsum("wi,wki->", colour.lateral_slope_mm, by_landing)
         by_u = jnp.einsum("wkij,wki->wkj", self.landed.slope_mm, by_landing)
         by_shape = [
             jnp.sum(by_colour, (1, 2)),
             jnp.einsum("siwk,iwk->s", states, cotangent),
-            (colour.chromatic_slope @ by_coordinate + by_lateral)[None],
+            (colour.chromatic_slope @ by_coordinate)[None],
             *self.to_pupil_parameters((by_u, by_weight)),
         ]
         return jnp.concatenate(by_shape) @ shape_jacobian(dot, layout, scale)
@@ -147,7 +146,10 @@ def spot_and_pullback(
     def pullback(by_spot: Spot) -> Array:
         by_landing = by_spot.landing_mm.reshape(landed.at_mm.shape)
         by_weight = by_spot.weight.reshape(weight.shape) * light
-        return rays.pullback(by_landing, by_weight, *seen)
+        found = rays.pullback(by_landing, by_weight, *seen)
+        # Rays of the spot land from green's chief ray, not from their wavelength's own.
+        by_width = jnp.einsum("wi,wki->", colour.lateral_slope_mm, by_landing)
+        return found.at[layout.blocks["band_width"]].add(by_width)
 
     spot = _with_ray_origins(
         spot_of(landed, nodes, colour.lateral_mm), dot, wavelengths

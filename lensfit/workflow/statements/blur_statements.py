@@ -14,6 +14,7 @@ The moments of dot aperture, lens and defocus add. Three things follow:
   through motion or a turned focus ring.
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -28,6 +29,8 @@ _FEWEST = 9
 _WIDER_RATIO, _WIDER_PX = 1.35, 1.5
 _STOP_RATIO, _ONE_SIDED_RATIO = 1.3, 1.5
 """Three quarters of a stop; with one side of focus only, more."""
+_TWO_STOPS = 0.8
+"""Most that one f-number is of another for their blur to differ."""
 _ALIKE_RATIO = 1.6
 """Of the two sides of focus, which aberration parts."""
 _LEAST_PX2 = 0.05
@@ -165,18 +168,22 @@ def f_number_ratios(
 ) -> dict[tuple[float, float], list[float]]:
     """For pairs of f-numbers, wide and narrow, their ratio by each side of focus."""
     ratios: dict[tuple[float, float], list[float]] = {}
-    for one in takes:
-        for two in takes:
-            if not _same_focus(one, two) or not one.f_number or not two.f_number:
-                continue
-            if one.f_number >= 0.8 * two.f_number or _is_in_focus(one):
-                continue
-            added, less = _added_px2(one, takes), _added_px2(two, takes)
-            if added is None or less is None or min(added, less) < _LEAST_PX2:
-                continue
-            pair = one.f_number, two.f_number
-            ratios.setdefault(pair, []).append(float(np.sqrt(added / less)))
+    for one, two in _two_stops_out_of_focus(takes):
+        added, less = _added_px2(one, takes), _added_px2(two, takes)
+        if added is None or less is None or min(added, less) < _LEAST_PX2:
+            continue
+        pair = one.f_number or np.nan, two.f_number or np.nan
+        ratios.setdefault(pair, []).append(float(np.sqrt(added / less)))
     return ratios
+
+
+def _two_stops_out_of_focus(takes: Sequence[View]) -> Iterator[tuple[View, View]]:
+    """Views that differ by their f-number alone: the wide one first."""
+    for one, two in itertools.permutations(takes, 2):
+        if not _same_focus(one, two) or not one.f_number or not two.f_number:
+            continue
+        if one.f_number < _TWO_STOPS * two.f_number and not _is_in_focus(one):
+            yield one, two
 
 
 def contradicted_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
@@ -188,23 +195,17 @@ def contradicted_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
 def _exchanged_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
     """Of two views that differ by their f-number alone, each is blurred as is stated of
     the other. One that moved is wider, but makes the other no sharper."""
-    for one in takes:
-        for two in takes:
-            if not _same_focus(one, two) or not one.f_number or not two.f_number:
-                continue
-            if one.f_number >= 0.8 * two.f_number or _is_in_focus(one):
-                continue
-            seen = [_added_px2(take, takes) for take in (one, two)]
-            wide, narrow = stated_blur_px(one), stated_blur_px(two)
-            if None in seen or not wide or not narrow:
-                continue
-            if _changed_in_focus_px(one, two, takes) > wide:
-                continue
-            middle = wide * narrow  # halfway between both, and squared
-            of_wide, of_narrow = (16 * (px2 or 0.0) for px2 in seen)
-            if _LEAST_PX2 < of_wide < middle < of_narrow:
-                yield _exchange_of_f_numbers(one, two)
-                return
+    for one, two in _two_stops_out_of_focus(takes):
+        added, less = _added_px2(one, takes), _added_px2(two, takes)
+        wide, narrow = stated_blur_px(one), stated_blur_px(two)
+        if added is None or less is None or not wide or not narrow:
+            continue
+        if _changed_in_focus_px(one, two, takes) > wide:
+            continue
+        middle = wide * narrow  # halfway between both, and squared
+        if _LEAST_PX2 < 16 * added < middle < 16 * less:
+            yield _exchange_of_f_numbers(one, two)
+            return
 
 
 def _changed_in_focus_px(wide: View, narrow: View, takes: Sequence[View]) -> float:

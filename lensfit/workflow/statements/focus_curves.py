@@ -27,10 +27,12 @@ import numpy as np
 from lensfit.fitting.chart_view import View
 from lensfit.workflow.statements.blur_statements import central_diameter_px
 from lensfit.workflow.statements.contradiction import Contradiction
-from lensfit.workflow.statements.joint_model import joint_model, noise_of_model_px
+from lensfit.workflow.statements.joint_model import (
+    PUPIL_DIAGONALS,
+    joint_model,
+    noise_of_model_px,
+)
 
-_PUPIL_DIAGONALS = 1.4
-"""How far the entrance pupil usually lies before the sensor, in its diagonals."""
 _FEWEST_STATES = 3
 _ENGRAVED = 0.05
 """Relative deviation of engraved focus distances."""
@@ -199,7 +201,9 @@ def _focus_mm(take: View) -> float:
 
 
 def _pupil_mm(take: View) -> float:
-    return _PUPIL_DIAGONALS * float(np.hypot(*take.sensor_size_mm))
+    """From the sensor to where the entrance pupil usually lies."""
+    diagonals, _ = PUPIL_DIAGONALS
+    return diagonals * float(np.hypot(*take.sensor_size_mm))
 
 
 def _times_from_pupil(take: View, distance_mm: float, factor_log: float) -> float:

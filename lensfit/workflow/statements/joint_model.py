@@ -44,7 +44,7 @@ _OF_PLACE = 0.5
 _OF_TAPE = (1 - _OF_PLACE**2) ** 0.5
 """What stands still is measured once: views that state one distance share most of its
 error, and differ by how a target was put up again."""
-_PUPIL_DIAGONALS = 1.4, 1.0
+PUPIL_DIAGONALS = 1.4, 1.0
 """Mean and deviation of the entrance pupil before the sensor, in diagonals of the
 sensor, of lenses that are not much longer: it lies inside the lens."""
 _PUPIL_SD_LONG = 0.5
@@ -216,7 +216,7 @@ class JointModel:
             rows[("breathing", f)] = 0.0, _BREATHING_SD
             rows[("other_breathing", f, focus)] = 0.0, _OTHER_BREATHING_SD
             diagonal = float(np.hypot(*view.take.sensor_size_mm))
-            ahead, sd = (diagonal * part for part in _PUPIL_DIAGONALS)
+            ahead, sd = (diagonal * part for part in PUPIL_DIAGONALS)
             sd += _PUPIL_SD_LONG * max(f - diagonal, 0.0)
             rows[("pupil", f)] = ahead / f, sd / f
             for k in (0, 1):

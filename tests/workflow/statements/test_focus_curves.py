@@ -103,7 +103,7 @@ def test_a_wrong_target_distance_or_f_number_is_no_wrong_unit_of_focus(factor):
     assert list(focus_units(stopped)) == []
 
 
-def test_views_that_defocus_hardly_widens_show_nothing():
+def test_views_that_defocus_barely_widens_show_nothing():
     _, takes = through_focus(2)
     seen = [replace(t.observations, diameter_px=t.observations.diameter_px * 0 + 2)
             for t in takes]  # fmt: skip
