@@ -35,6 +35,7 @@ from lensfit.fitting.wavefront.gather import (
     gather,
     rows_spread_over_takes,
     select_dots,
+    widen_beam,
 )
 from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
 from lensfit.fitting.wavefront.multistart import (
@@ -54,8 +55,10 @@ from lensfit.fitting.wavefront.stages import (
     recentre_patches,
     solve_stage,
     stage_on_dots,
+    stage_with_beam,
 )
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
+from lensfit.fitting.wavefront.stated import stated_beam
 from lensfit.fitting.wavefront.term_groups import (
     TermGroup,
     candidate_term_groups,
@@ -257,7 +260,9 @@ def fit_wavefront(
     chosen_fit, term_groups, term_decisions = fit_selected_term_groups(
         best, _term_groups_at(best, allowed)
     )
-    final = last_fit(chosen_fit, term_groups)
+    beam = stated_beam(chosen_fit.parameters, chosen_fit.dot_data, layout)
+    every = widen_beam(every, beam)
+    final = last_fit(stage_with_beam(chosen_fit, beam), term_groups)
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT

@@ -44,6 +44,22 @@ class FocusGroup(NamedTuple):
     """Name of the take, where nobody stated how far the chart was; else empty."""
 
 
+class Beam(NamedTuple):
+    """The beam through a stop.
+
+    Attributes
+    ----------
+    ratio : Its width over what the f-number says.
+    deviation : Standard deviation of that, as a share.
+    """
+
+    ratio: float
+    deviation: float
+
+
+OF_F_NUMBER = Beam(1.0, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class DotData:
     """All dots of all photographs.
@@ -63,6 +79,7 @@ class DotData:
     reference_distance_mm : For which the aberrations hold, from the sensor.
     focus : Focus distances of all photographs.
     first_order : At the reference state.
+    beam : How wide the beam through a stop is.
     """
 
     photographs: tuple[DotPhotograph, ...]
@@ -82,6 +99,7 @@ class DotData:
     reference_distance_mm: float
     focus: FocusRange
     first_order: FirstOrder
+    beam: Beam = OF_F_NUMBER
 
     @property
     def widths(self) -> Widths:
@@ -142,7 +160,15 @@ def gather_beside(
         return None
     known = _reference(list(dot_data.photographs))
     shared = dot_data.groups, dot_data.f_numbers
-    return _gathered(kept, known, *shared, settings, bands)
+    found = _gathered(kept, known, *shared, settings, bands)
+    return widen_beam(found, dot_data.beam)
+
+
+def widen_beam(dot_data: DotData, beam: Beam) -> DotData:
+    """The same with such a beam instead of the one that the f-number says."""
+    scale = dot_data.scale
+    sine = scale.reference_sine * (beam.ratio / dot_data.beam.ratio)
+    return replace(dot_data, scale=scale._replace(reference_sine=sine), beam=beam)
 
 
 def _gathered(

@@ -25,7 +25,7 @@ from lensfit.fitting.wavefront.dot_weights import (
     robust_weights,
 )
 from lensfit.fitting.wavefront.dots import Dots, Pixels
-from lensfit.fitting.wavefront.gather import WIDE_OPEN, DotData
+from lensfit.fitting.wavefront.gather import WIDE_OPEN, Beam, DotData, widen_beam
 from lensfit.fitting.wavefront.normal import (
     DEFAULT_POINTS,
     FOLDS,
@@ -233,6 +233,20 @@ def stage_on_dots(stage: Stage, dot_data: DotData) -> Stage:
         weight=initial_weights(dot_data, COARSE_SHARE),
         solution=None,
         converged=False,
+    )
+
+
+def stage_with_beam(stage: Stage, beam: Beam) -> Stage:
+    """The same with another beam. Where that is wider it is out of focus by as many
+    times less, and draws the same dots."""
+    factor = np.ones(stage.layout.size)
+    for name in {"defocus", "beyond"} & stage.layout.blocks.keys():
+        factor[stage.layout.blocks[name]] = stage.dot_data.beam.ratio / beam.ratio
+    return replace(
+        stage,
+        dot_data=widen_beam(stage.dot_data, beam),
+        parameters=factor * stage.parameters,
+        mean=factor * stage.mean,
     )
 
 

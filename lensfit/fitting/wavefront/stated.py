@@ -5,8 +5,8 @@ so: with a pupil smaller by a tenth, a lens that is out of focus by a tenth more
 the same dots. Two statements separate the two:
 
 - the widest f-number gives the width of the beam on the axis. That is the unit of the
-  pupil, so no clipping aperture cuts that beam; an error of the f-number goes into
-  defocus;
+  pupil, so no clipping aperture cuts that beam; an error of the f-number first goes
+  into defocus, from which stated distances take it back (`stated_beam`);
 - focus and chart distances give how far the photographs of a shoot lie apart along the
   axis. Each has an error of its own, and all have one in proportion, as the square of
   the focal length and the f-number do; a lens whose field curves, or whose focus scale
@@ -27,14 +27,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fitting.levenberg import Quadratic
-from lensfit.fitting.wavefront.gather import DotData
-from lensfit.fitting.wavefront.parameters import Layout, pupil_of
+from lensfit.fitting.wavefront.gather import Beam, DotData
+from lensfit.fitting.wavefront.parameters import Layout, aberration_of, pupil_of
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
+from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
+from lensfit.optics.paraxial import rim_sine
 from lensfit.optics.pupil import width_along_field
 
 _TOGETHER = 0.5
 """Standard deviation of the common shift, in units of the largest defocus."""
 _CAUCHY_SCALE = 3.0
+_FIRST_ORDER = 0.02
+"""Of first-order defocus between two focus distances of a lens whose elements move
+against each other, as a share: .003 to .04 for published lenses and zooms."""
+_RAYS = 8
 _CUT = 0.01
 """Share of the pupil's radius that a rim may cut on the axis: small, but with a slope
 that a solve can follow."""
@@ -111,3 +117,80 @@ def stated_equations(
 
     left, slopes = residual(parameters), jax.jacfwd(residual)(parameters)
     return Quadratic(slopes.T @ slopes, slopes.T @ left, left @ left)
+
+
+def stated_beam(
+    parameters: Float[np.ndarray, " parameters"], dot_data: DotData, layout: Layout
+) -> Beam:
+    """How wide the beam through a stop is, of f-numbers and distances together.
+
+    Stated distances give defocus without the f-number, so defocus that was fitted with
+    the beam of the f-number is as much larger as the beam is wider. The estimate lies
+    between that and 1, by the widths of both. How a beam changes while a lens is
+    focused, by elements in front of the stop or behind it, is not known: half of what
+    moving the whole lens does counts as a width too. Distances that contradict the
+    f-number lose weight.
+
+    Parameters
+    ----------
+    parameters : Fitted with the beam that the f-number says.
+    """
+    at_mm = jnp.asarray(dot_data.reference_distance_mm)
+    bellows = 0.5 / rim_sine(dot_data.first_order, jnp.ones(()), at_mm)
+    of_beam = float(np.hypot(dot_data.widths.f_number, np.log(float(bellows)) / 2))
+    stated_mm, width_mm = stated_defocus_mm(dot_data), defocus_deviation_mm(dot_data)
+    known = np.isfinite(stated_mm)
+    if known.sum() < 2:
+        return Beam(1.0, of_beam)
+    found_mm = np.asarray(_defocus_when_sharpest_mm(parameters, dot_data, layout))
+    x, y, width_mm = stated_mm[known], found_mm[known], width_mm[known]
+    weight = 1 / (width_mm**2 + (_FIRST_ORDER * np.abs(x).max()) ** 2)
+    x = x - np.average(x, weights=weight)  # the shift that all have in common
+    information = float(np.sum(weight * x * x))
+    slope = float(np.sum(weight * x * y)) / information if information else 0.0
+    if slope <= 0:
+        return Beam(1.0, of_beam)
+    of_defocus = np.hypot(information**-0.5 / slope, _FIRST_ORDER)
+    off = np.log(slope) / np.hypot(of_beam, of_defocus)
+    of_defocus *= np.hypot(1.0, off / _CAUCHY_SCALE)
+    gain = of_beam**2 / (of_beam**2 + of_defocus**2)
+    return Beam(float(np.exp(gain * np.log(slope))), float(gain**0.5 * of_defocus))
+
+
+def _defocus_when_sharpest_mm(
+    parameters: Float[np.ndarray, " parameters"], dot_data: DotData, layout: Layout
+) -> Float[Array, " groups"]:
+    """By how much every group's axial image along y misses its sharpest plane, but for
+    a shift that all have in common: as first-order defocus of an object there.
+
+    That plane is where rays spread least, and where a photographer focuses. Rays that
+    miss it land in proportion to their tangents, those of an object at another distance
+    to their sines (`optics.depth`): of a fast lens a tenth less at the rim.
+    """
+    square, weight = np.polynomial.legendre.leggauss(_RAYS)
+    reach = np.sqrt((square + 1) / 2)
+    reach, weight = np.append(reach, -reach), np.append(weight, weight)
+    numbers = jnp.asarray(parameters)
+    first = [int(np.argmax(dot_data.dots.group == k)) for k in range(layout.groups)]
+    dots = dot_data.dots
+
+    def of_group(defocus_mm: Array, ratio: Array, focus: Array) -> Array:
+        aberration = aberration_of(numbers, layout, dot_data.scale, ratio, focus)
+        local = local_wavefront(jnp.zeros(2), jnp.zeros(()), aberration)
+
+        def landed_mm(reach: Array) -> tuple[Array, Array]:
+            u = jnp.stack([jnp.zeros(()), reach])
+
+            def at(defocus_mm: Array) -> Array:
+                return landing_and_jacobian_mm(u, defocus_mm, local)[0][1]
+
+            return jax.jvp(at, (defocus_mm,), (jnp.ones(()),))
+
+        landing_mm, per_mm = jax.vmap(landed_mm)(jnp.asarray(reach))
+        sine = reach * aberration.reference_sine
+        return jnp.sum(weight * per_mm * landing_mm) / jnp.sum(weight * per_mm * sine)
+
+    defocus_mm = numbers[layout.blocks["defocus"]]
+    ratio = jnp.asarray(dots.principal_distance_ratio[first])
+    focus = jnp.asarray(dots.focus[first])
+    return jax.vmap(of_group)(defocus_mm, ratio, focus)[: len(dot_data.groups)]

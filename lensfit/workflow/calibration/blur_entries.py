@@ -186,7 +186,8 @@ def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -
     reference_mm = dot_data.reference_distance_mm
     focus_mm = state.focus_distance_mm or reference_mm
     mine = _focused(state, _pupil_magnification(state, wavefront), focus_mm)
-    return float(_sine_ratio(dot_data.first_order, mine, f_number, reference_mm))
+    ratio = _sine_ratio(dot_data.first_order, mine, f_number, reference_mm)
+    return dot_data.beam.ratio * float(ratio)
 
 
 def _first_order_defocus_mm(

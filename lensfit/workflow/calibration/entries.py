@@ -8,6 +8,7 @@ at a small size, and the change of the block's numbers is the error of the block
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib import import_module
@@ -20,6 +21,8 @@ from lensfit.fitting.colour.channel_colour import ChannelColour
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.gather import widen_beam
+from lensfit.fitting.wavefront.stages import stage_with_beam
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset import blocks
 from lensfit.preset.blocks import Blur, BlurUncertainty, Camera
@@ -44,6 +47,7 @@ def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     blur = blur_of(state, wavefront)
     moves = parameter_moves(wavefront.stage, wavefront.total_covariance)
     changes = [_change(move, state, wavefront) for move in moves]
+    changes.append(_change_by_beam(state, wavefront))
     names = [n for n in numbers_of(blur) if any(c.get(n) for c in changes)]
     known = BlurUncertainty(
         tuple(names),
@@ -57,12 +61,35 @@ def _change(
 ) -> dict[str, float]:
     """What a move of the parameters changes in the block, to first order."""
 
-    def numbers(share: float) -> dict[str, float]:
+    def moved(share: float) -> WavefrontFit:
         stage = wavefront.stage
-        moved = replace(stage, parameters=stage.parameters + share * move)
-        return numbers_of(blur_of(state, replace(wavefront, stage=moved)))
+        stage = replace(stage, parameters=stage.parameters + share * move)
+        return replace(wavefront, stage=stage)
 
-    forth, back = numbers(_STEP), numbers(-_STEP)
+    return _slopes(state, moved)
+
+
+def _change_by_beam(state: LensState, wavefront: WavefrontFit) -> dict[str, float]:
+    """What a beam wider by its standard deviation changes in the block: nothing in
+    dots, but the blur of objects at other distances."""
+    beam = wavefront.dot_data.beam
+
+    def moved(share: float) -> WavefrontFit:
+        wider = beam._replace(ratio=beam.ratio * (1 + share * beam.deviation))
+        return replace(
+            wavefront,
+            dot_data=widen_beam(wavefront.dot_data, wider),
+            stage=stage_with_beam(wavefront.stage, wider),
+        )
+
+    return _slopes(state, moved)
+
+
+def _slopes(
+    state: LensState, moved: Callable[[float], WavefrontFit]
+) -> dict[str, float]:
+    """Of the block's numbers, by the share of a move."""
+    forth, back = (numbers_of(blur_of(state, moved(s))) for s in (_STEP, -_STEP))
     return {name: (forth[name] - back[name]) / (2 * _STEP) for name in forth}
 
 

@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, REFERENCE_MM, Seidel, Shot, photographed
 
+from lensfit.fitting.wavefront.gather import Beam
+from lensfit.fitting.wavefront.parameters import aberration_of
 from lensfit.fitting.wavefront.stages import (
     add_focus_statements,
     first_stage,
     set_priors,
     solve_stage,
+    stage_with_beam,
 )
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 from lensfit.fitting.wavefront.stated import (
     Statements,
     f_number_and_focus_statements,
     f_number_statement,
+    stated_beam,
     stated_equations,
 )
 from lensfit.fitting.wavefront.term_groups import (
@@ -25,6 +29,7 @@ from lensfit.fitting.wavefront.term_groups import (
     candidate_term_groups,
     deviation_of,
 )
+from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 
 NEAR_MM, FAR_MM = 1600.0, 2600.0
 DEFOCUS = LAYOUT.blocks["defocus"]
@@ -147,3 +152,66 @@ def test_a_narrow_opening_far_from_focus_differs_from_a_wide_one_near_to_it(dot_
     scale = found.parameters[DEFOCUS][:2] / stated_defocus_mm(dot_data)
     np.testing.assert_allclose(scale, 1.0, atol=0.04)
     assert found.parameters[RADII][::2].min() > 0.97
+
+
+def test_a_beam_is_as_much_wider_as_fitted_defocus_is_larger(dot_data):
+    """Between the f-number and the distances, nearer to these, whatever shift all
+    focus distances have in common; narrower beams alike."""
+    stated_mm = stated_defocus_mm(dot_data)
+    none = stated_beam(lens_of(stated_mm), dot_data, LAYOUT).ratio
+    for ratio in (1.06, 1 / 1.06):
+        shifted = lens_of(ratio * stated_mm + 0.3)
+        found = stated_beam(shifted, dot_data, LAYOUT).ratio
+        assert 0.6 < np.log(found / none) / np.log(ratio) < 1.0
+
+
+def test_a_beam_is_that_of_the_f_number_where_defocus_is_as_stated(dot_data):
+    """Of an object at another distance: the same in millimetres is a sensor that was
+    moved, whose rays spread with their tangents instead of their sines."""
+    defocus_mm = lens_of(stated_defocus_mm(dot_data))
+    fast = stated_beam(defocus_mm, dot_data, LAYOUT).ratio
+    scale = dot_data.scale
+    narrow = scale._replace(reference_sine=scale.reference_sine / 10)
+    slow = stated_beam(defocus_mm, replace(dot_data, scale=narrow), LAYOUT).ratio
+    mean_square = float(scale.reference_sine) ** 2 * 2 / 3
+    assert slow == pytest.approx(1.0, abs=1e-3)
+    assert 1.0 < fast < 1 + mean_square / 2 * 1.3
+
+
+def test_a_beam_that_nobody_can_know_is_that_of_the_f_number(dot_data):
+    """Nothing stated; one focus distance alone; near and far swapped."""
+    stated_mm = stated_defocus_mm(dot_data)
+    near, far = dot_data.groups
+    silent = replace(dot_data, groups=(near, far._replace(focus_distance_mm=None)))
+    assert stated_beam(lens_of(1.1 * stated_mm), silent, LAYOUT).ratio == 1.0
+    assert stated_beam(lens_of(-1.1 * stated_mm), dot_data, LAYOUT).ratio == 1.0
+
+
+def test_distances_that_contradict_the_f_number_hardly_count(dot_data):
+    """Twice as much defocus is no beam twice as wide, but one that is less known."""
+    stated_mm = stated_defocus_mm(dot_data)
+    agreed, doubted = (
+        stated_beam(lens_of(k * stated_mm), dot_data, LAYOUT) for k in (1, 2)
+    )
+    assert 1.0 < doubted.ratio < 1.5
+    assert agreed.deviation < 0.6 * doubted.deviation < 0.6 * 0.06
+
+
+def test_a_wider_beam_nearer_to_focus_draws_the_same_dots(dot_data):
+    """Rays land where they did, but for defocus of third order in their sines."""
+    stage = first_stage(dot_data, LAYOUT, lens_of(stated_defocus_mm(dot_data)))
+    wider = stage_with_beam(stage, Beam(1.05, 0.0))
+
+    def landing_mm(stage):
+        aberration = aberration_of(
+            jnp.asarray(stage.parameters), LAYOUT, stage.dot_data.scale
+        )
+        local = local_wavefront(jnp.zeros(2), jnp.zeros(()), aberration)
+        defocus_mm = jnp.asarray(stage.parameters[DEFOCUS][0])
+        u = jnp.array([0.3, 0.9])
+        return np.asarray(landing_and_jacobian_mm(u, defocus_mm, local)[0])
+
+    sine = float(wider.dot_data.scale.reference_sine)
+    assert sine == pytest.approx(1.05 * float(dot_data.scale.reference_sine))
+    np.testing.assert_allclose(landing_mm(wider), landing_mm(stage), rtol=0.1 * sine**2)
+    assert abs(landing_mm(stage)).max() > 0.01
