@@ -56,7 +56,7 @@ _FINE_SMOOTHING = 0.75
 pixels ended in a wrong local minimum; with this one in between the misfit was a
 twentieth. Dots of less than a pixel are fitted better without. So both are tried."""
 _LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
-_LAST_POINTS = Points(design=384)
+_LAST_POINTS = Points(image=1536, design=384)
 """Shifting all rays of the pupil together, rims included, barely changes an image. With
 few rays the cost seems to rise steeply along that direction: a fit would stop early,
 with too small an uncertainty. Since the true cost is flat, the solve takes more passes

@@ -30,12 +30,12 @@ class Points(NamedTuple):
     Attributes
     ----------
     image : For the light on the cells, and the gradient: with 768 images are 1 to 2 %
-        wrong, with 1536 half of that, and a pass takes an eighth longer.
+        wrong, with 1536 half of that, and a pass takes half as long again.
     design : For the Gauss-Newton matrix, which needs less accuracy.
     waves : Number of waves that broad dots are drawn in (`waves`).
     """
 
-    image: int = 1536
+    image: int = 768
     design: int = 96
     waves: int = WAVES
 

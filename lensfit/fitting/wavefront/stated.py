@@ -27,12 +27,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fitting.levenberg import Quadratic
+from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.gather import Beam, DotData
-from lensfit.fitting.wavefront.parameters import Layout, aberration_of, pupil_of
+from lensfit.fitting.wavefront.parameters import (
+    Layout,
+    Scale,
+    aberration_of,
+    pupil_of,
+)
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.optics.paraxial import rim_sine
 from lensfit.optics.pupil import width_along_field
+from lensfit.programs import kept_program
 
 _TOGETHER = 0.5
 """Standard deviation of the common shift, in units of the largest defocus."""
@@ -142,8 +149,12 @@ def stated_beam(
     known = np.isfinite(stated_mm)
     if known.sum() < 2:
         return Beam(1.0, of_beam)
-    found_mm = np.asarray(_defocus_when_sharpest_mm(parameters, dot_data, layout))
-    x, y, width_mm = stated_mm[known], found_mm[known], width_mm[known]
+    group = np.asarray(dot_data.dots.group)
+    one_of_each = [int(np.argmax(group == k)) for k in np.flatnonzero(known)]
+    dots = jax.tree.map(lambda a: jnp.asarray(a[one_of_each]), dot_data.dots)
+    numbers = jnp.asarray(parameters)
+    found = _defocus_when_sharpest_mm(numbers, dots, dot_data.scale, layout)
+    x, y, width_mm = stated_mm[known], np.asarray(found), width_mm[known]
     weight = 1 / (width_mm**2 + (_FIRST_ORDER * np.abs(x).max()) ** 2)
     x = x - np.average(x, weights=weight)  # the shift that all have in common
     information = float(np.sum(weight * x * x))
@@ -157,8 +168,9 @@ def stated_beam(
     return Beam(float(np.exp(gain * np.log(slope))), float(gain**0.5 * of_defocus))
 
 
+@kept_program(static_argnames=("layout",))
 def _defocus_when_sharpest_mm(
-    parameters: Float[np.ndarray, " parameters"], dot_data: DotData, layout: Layout
+    parameters: Float[Array, " parameters"], groups: Dots, scale: Scale, layout: Layout
 ) -> Float[Array, " groups"]:
     """By how much every group's axial image along y misses its sharpest plane, but for
     a shift that all have in common: as first-order defocus of an object there.
@@ -166,16 +178,17 @@ def _defocus_when_sharpest_mm(
     That plane is where rays spread least, and where a photographer focuses. Rays that
     miss it land in proportion to their tangents, those of an object at another distance
     to their sines (`optics.depth`): of a fast lens a tenth less at the rim.
+
+    Parameters
+    ----------
+    groups : A dot of each.
     """
     square, weight = np.polynomial.legendre.leggauss(_RAYS)
     reach = np.sqrt((square + 1) / 2)
     reach, weight = np.append(reach, -reach), np.append(weight, weight)
-    numbers = jnp.asarray(parameters)
-    first = [int(np.argmax(dot_data.dots.group == k)) for k in range(layout.groups)]
-    dots = dot_data.dots
 
     def of_group(defocus_mm: Array, ratio: Array, focus: Array) -> Array:
-        aberration = aberration_of(numbers, layout, dot_data.scale, ratio, focus)
+        aberration = aberration_of(parameters, layout, scale, ratio, focus)
         local = local_wavefront(jnp.zeros(2), jnp.zeros(()), aberration)
 
         def landed_mm(reach: Array) -> tuple[Array, Array]:
@@ -190,7 +203,6 @@ def _defocus_when_sharpest_mm(
         sine = reach * aberration.reference_sine
         return jnp.sum(weight * per_mm * landing_mm) / jnp.sum(weight * per_mm * sine)
 
-    defocus_mm = numbers[layout.blocks["defocus"]]
-    ratio = jnp.asarray(dots.principal_distance_ratio[first])
-    focus = jnp.asarray(dots.focus[first])
-    return jax.vmap(of_group)(defocus_mm, ratio, focus)[: len(dot_data.groups)]
+    defocus_mm = parameters[layout.blocks["defocus"]][groups.group]
+    ratio = groups.principal_distance_ratio
+    return jax.vmap(of_group)(defocus_mm, ratio, groups.focus)
