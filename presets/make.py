@@ -53,17 +53,15 @@ class Made:
     focus_mm : Focus distances of a lens whose blur is not measured (geometry, lateral
         colour and fall-off only); None for one whose blur is.
     without_blur : Why it is not.
-    says_distance : Whether the shoot states the distance of the square charts.
     """
 
     kind: str
     prescription: str
     f_number: float | None = None
     size_px: tuple[int, int] = (640, 480)
-    wavelengths: int = 3
+    wavelengths: int = 5
     focus_mm: tuple[float, ...] | None = None
     without_blur: str | None = None
-    says_distance: bool = True
 
     def lens(self) -> Prescription:
         """The prescription, opened as far as it is photographed."""
@@ -72,9 +70,7 @@ class Made:
 
 
 PRESETS = {
-    "prime_50": Made(
-        "prime", "biotar_50", f_number=2.0, size_px=(800, 600), wavelengths=5
-    ),
+    "prime_50": Made("prime", "biotar_50", f_number=2.0, size_px=(800, 600)),
     "wide_28": Made("wide angle", "nikkor_28"),
     "vintage_50": Made("vintage", "petzval_50"),
     "tele_135": Made("telephoto", "kreitzer_135"),
@@ -87,14 +83,7 @@ PRESETS = {
         "geometry, lateral colour and fall-off only",
     ),
     "anamorphic_31": Made(
-        "anamorphic, squeeze 1.9",
-        "schneider_31",
-        size_px=(800, 667),
-        focus_mm=(2400.0, 6000.0),
-        without_blur="two focus distances, photographed for geometry, lateral colour "
-        "and fall-off only",
-        # The tilted views alone then tell which section's focal length is stated.
-        says_distance=False,
+        "anamorphic, squeeze 1.9", "schneider_31", size_px=(800, 600)
     ),
 }
 
@@ -141,7 +130,6 @@ def _still_shots(made: Made) -> list[Shot]:
         dataclasses.replace(
             shot,
             name=f"{shot.name}_focus{focus_mm:g}",
-            says_distance=shot.says_distance and made.says_distance,
             from_maps=True,
         )
         for focus_mm in made.focus_mm or ()
@@ -173,7 +161,6 @@ def _figures(
             "focal_lengths_mm": _distinct(shoot, "focal_length_mm"),
             "f_numbers": _distinct(shoot, "f_number"),
             "focus_distances_mm": _distinct(shoot, "focus_distance_mm"),
-            "distances_stated": made.says_distance,
         },
         "measured": [*measured, "blur"] if with_blur else measured,
         "without_blur": made.without_blur,
