@@ -27,6 +27,7 @@ would compensate, are computed in `lensfit.optics.position_deviation`.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,10 +71,22 @@ class Uncertainty:
     Rows of fixed parameters are zero, except for a fixed shift of the entrance pupil,
     and for named terms of the lens that model selection left out: these have the
     variance of systematic errors.
+
+    Attributes
+    ----------
+    parts : What the covariance is the sum of, by the errors it comes from: of
+        "detections" (their noise, beside priors and stated values), the "wavefront"
+        (common to detections that it moved), "statements" (common to all stated
+        values), and "systematic" ones that no residual shows.
     """
 
-    covariance: Float[np.ndarray, "parameters parameters"]
+    parts: dict[str, Float[np.ndarray, "parameters parameters"]]
     layout: Layout
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+        """Of all errors together."""
+        return np.sum(list(self.parts.values()), 0)
 
     def deviation(self, block: str) -> Float[np.ndarray, " terms"]:
         """Standard deviations of the parameters of a named block."""
@@ -98,16 +111,31 @@ def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertain
     matrix = (one.matrix + other.matrix) / max(scale, 1.0)
     matrix = (matrix + stated_statistics(adjustment).matrix)[np.ix_(free, free)]
     inside = covariance_of_equations(matrix + np.diag(precision))
-    covariance = np.zeros((len(free), len(free)))
     moves = shared_moves_of(adjustment, views)
     shared = _solution_moves(moves, adjustment, inside / max(scale, 1.0))
     stated = _solution_moves_by_stated_values(adjustment, inside)
-    covariance[np.ix_(free, free)] = inside + shared.T @ shared + stated.T @ stated
-    _add_variance_of_next_pupil_shift_order(covariance, adjustment)
-    _add_variance_of_fixed_pupil_shift(covariance, adjustment)
+    of_free = {
+        "detections": inside,
+        "wavefront": shared.T @ shared,
+        "statements": stated.T @ stated,
+        "systematic": np.zeros_like(inside),
+    }
+    rows = np.flatnonzero(free)
+    parts = {name: _in_place(part, rows, len(free)) for name, part in of_free.items()}
+    _add_variance_of_next_pupil_shift_order(parts["systematic"], adjustment)
+    _add_variance_of_fixed_pupil_shift(parts["systematic"], adjustment)
     terms = _rows_of(adjustment.layout, _NAMED_TERMS)
-    covariance[np.ix_(terms, terms)] += _systematic(adjustment, terms)
-    return Uncertainty(covariance, adjustment.layout)
+    parts["systematic"][np.ix_(terms, terms)] += _systematic(adjustment, terms)
+    return Uncertainty(parts, adjustment.layout)
+
+
+def _in_place(
+    part: Float[np.ndarray, "some some"], rows: Int[np.ndarray, " some"], size: int
+) -> Float[np.ndarray, "parameters parameters"]:
+    """A covariance of some parameters among those of all, the others' zero."""
+    found = np.zeros((size, size))
+    found[np.ix_(rows, rows)] = part
+    return found
 
 
 def _with_possible_decentring(adjustment: Adjustment) -> Adjustment:
@@ -268,6 +296,26 @@ def position_deviations_mm(
         uncertainty.covariance[np.ix_(rows, rows)],
         undistorted_mm,
     )
+
+
+def position_variances_mm2(
+    adjustment: Adjustment,
+    uncertainty: Uncertainty,
+    undistorted_mm: Float[np.ndarray, "points 2"],
+) -> dict[str, Float[np.ndarray, " points"]]:
+    """What each of `Uncertainty.parts` adds to the square of `position_deviation_mm`;
+    points as there."""
+    layout = adjustment.layout
+    shared = jnp.asarray(adjustment.parameters[: layout.shared])
+    rows = landing_rows(layout)
+    parts = uncertainty.parts
+    each = optics.position_deviations_mm(
+        undistorted_mm,
+        compiled_distortion_of(shared, layout, adjustment.frame),
+        np.stack([part[np.ix_(rows, rows)] for part in parts.values()]),
+        undistorted_mm,
+    )
+    return dict(zip(parts, np.sum(each**2, -1), strict=True))
 
 
 def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:

@@ -84,15 +84,15 @@ def _sizes(distortion: Distortion) -> tuple[int, ...]:
 def position_deviations_mm(
     undistorted_mm: Float[np.ndarray, "points 2"],
     distortion: Distortion,
-    covariance: Float[np.ndarray, "numbers numbers"],
+    covariance: Float[np.ndarray, "*errors numbers numbers"],
     frame_mm: Float[np.ndarray, "seen 2"],
-) -> Float[np.ndarray, "points 2"]:
+) -> Float[np.ndarray, "*errors points 2"]:
     """Standard deviation, along x and y, of where points of the undistorted picture
     land.
 
     Parameters
     ----------
-    covariance : Of the numbers of `changed_distortion`.
+    covariance : Of the numbers of `changed_distortion`; of several errors at once.
     frame_mm : Points of the undistorted picture that cover the frame: it is over these
         that the moves a pose would undo are taken out.
     """
@@ -105,7 +105,7 @@ def position_deviations_mm(
         pose = pose_moves(place, undistorted_mm, unit_mm)
     left = by_number - pose @ undone
     variance = np.sum(left @ covariance * left, -1)
-    return np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 2)
+    return np.sqrt(np.maximum(variance, 0.0)).reshape(*variance.shape[:-1], -1, 2)
 
 
 def pose_moves(

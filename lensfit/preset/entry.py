@@ -73,7 +73,8 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
         infinite, null when nobody said.
     lateral_colour : None when none was measured or none is visible.
     fall_off : One for each f-number that was measured, widest first; may be empty.
-    covariance : Of the free numbers of the chief-ray fit, named and counted as in
+    covariance : Of the numbers of the chief-ray fit that are not known exactly, terms
+        that it left out included, named and counted as in
         `lensfit.preset.map_covariances`; None if unknown.
     blur : None when it was not measured.
     """

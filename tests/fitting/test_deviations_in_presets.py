@@ -96,6 +96,17 @@ def test_positions_are_known_as_the_fit_and_its_report_say(state, lens):
     np.testing.assert_allclose(sd_px, grid, atol=1e-5)
 
 
+def test_the_worst_corner_is_told_apart_by_kinds_of_errors(state, lens):
+    """Shares of one variance; of centroids none is the wavefront's."""
+    shares = entry_facts(state, lens, BLOCK)["corner_shares"]
+    assert list(shares) == ["detections", "wavefront", "statements", "systematic"]
+    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-3)
+    assert shares["wavefront"] == 0.0
+    assert min(shares["detections"], shares["systematic"]) > 0.0
+    whole = np.sum(list(state.uncertainty.parts.values()), 0)
+    np.testing.assert_array_equal(whole, state.uncertainty.covariance)
+
+
 def test_objects_in_focus_are_known_less_well_than_the_map(state, lens):
     """A turn of the camera makes good of the map what it does not of objects."""
     facts = entry_facts(state, lens, BLOCK)

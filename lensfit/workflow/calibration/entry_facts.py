@@ -16,7 +16,7 @@ from lensfit.coords import Window
 from lensfit.errors import LensfitError
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.uncertainty import position_deviation_mm
+from lensfit.fitting.uncertainty import position_deviation_mm, position_variances_mm2
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.position_deviation import FRAME_GRID
@@ -106,6 +106,30 @@ def uncertainty_grid(
     }
 
 
+def corner_shares(
+    state: LensState, lens: Lens, size_mm: tuple[float, float]
+) -> dict[str, float]:
+    """Which share of the variance in the map's worst corner each kind of error has
+    (`fitting.uncertainty.Uncertainty.parts`); none where no corner is known."""
+    seen = points_over_frame(size_mm)
+    points = in_batches(lens.undistorted_from_distorted, seen)
+    known = np.isfinite(points).all(-1)
+    at_rim = np.isclose(np.abs(seen), np.divide(size_mm, 2))
+    corner = np.all(at_rim, axis=-1)[known]
+    if not corner.any():
+        return {}
+    found = position_variances_mm2(
+        state.geometry.adjustment, state.uncertainty, points[known]
+    )
+    of_corners = {name: variance[corner] for name, variance in found.items()}
+    total = np.sum(list(of_corners.values()), 0)
+    worst = int(np.argmax(total))
+    return {
+        name: round(float(variance[worst] / total[worst]), 4)
+        for name, variance in of_corners.items()
+    }
+
+
 def object_uncertainty_grid(
     lens: Lens,
     size_px: tuple[int, int],
@@ -163,6 +187,7 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
             for f in state.fall_off
         ],
         "uncertainty_grid": uncertainty_grid(lens, size_px, size_mm, deviation),
+        "corner_shares": corner_shares(state, lens, size_mm),
         "object_uncertainty_grid": object_uncertainty_grid(
             lens, size_px, size_mm, _object_distance_mm(state)
         ),
