@@ -1,5 +1,7 @@
 """Every format stands in its registry, on the command line and in the guide."""
 
+import re
+
 import pytest
 from documents import PAGES
 
@@ -19,6 +21,11 @@ def test_the_command_line_offers_every_format():
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_guide_describes_every_format_that_is_written(name: str):
     assert f"`{name}`" in PAGES["presets.md"]
+
+
+@pytest.mark.parametrize("name", FOREIGN_FORMATS)
+def test_the_guide_describes_every_format_that_is_read(name: str):
+    assert re.search(rf"`{name}[`-]", PAGES["presets.md"])
 
 
 def test_a_format_that_is_not_known_is_refused(tmp_path):

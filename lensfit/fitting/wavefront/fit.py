@@ -261,7 +261,6 @@ def fit_wavefront(
         best, _term_groups_at(best, allowed)
     )
     beam = stated_beam(chosen_fit.parameters, chosen_fit.dot_data, layout)
-    every = widen_beam(every, beam)
     final = last_fit(stage_with_beam(chosen_fit, beam), term_groups)
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
@@ -270,7 +269,7 @@ def fit_wavefront(
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
     return WavefrontFit(
-        dot_data=every,
+        dot_data=widen_beam(every, beam),
         stage=final,
         term_groups=term_groups,
         term_decisions=term_decisions,
