@@ -50,9 +50,8 @@ class Made:
     f_number : Widest that is photographed; the prescription's own if None.
     size_px : Of the photographs.
     wavelengths : That the tracer mixes in each colour band.
-    focus_mm : Focus distances of a lens whose blur is not measured (geometry, lateral
-        colour and fall-off only); None for one whose blur is.
-    without_blur : Why it is not.
+    focus_mm : Focus distances of a lens that is photographed in focus alone; None for
+        one photographed through focus.
     """
 
     kind: str
@@ -61,7 +60,6 @@ class Made:
     size_px: tuple[int, int] = (640, 480)
     wavelengths: int = 5
     focus_mm: tuple[float, ...] | None = None
-    without_blur: str | None = None
 
     def lens(self) -> Prescription:
         """The prescription, opened as far as it is photographed."""
@@ -79,8 +77,6 @@ PRESETS = {
         "itoh_zoom",
         size_px=(800, 600),
         focus_mm=(1000.0, 4000.0),
-        without_blur="three focal lengths at two focus distances, photographed for "
-        "geometry, lateral colour and fall-off only",
     ),
     "anamorphic_31": Made(
         "anamorphic, squeeze 1.9", "schneider_31", size_px=(800, 600)
@@ -143,7 +139,7 @@ def _figures(
     """What was photographed, how well it fits, and how far it is from the truth."""
     lens = made.lens()
     measured = ["geometry", "lateral colour", "fall-off"]
-    with_blur = made.focus_mm is None
+    with_blur = all(entry.blur is not None for entry in preset.entries)
     return {
         "schema": "lensfit.preset-figures.1",
         "kind": made.kind,
@@ -163,7 +159,6 @@ def _figures(
             "focus_distances_mm": _distinct(shoot, "focus_distance_mm"),
         },
         "measured": [*measured, "blur"] if with_blur else measured,
-        "without_blur": made.without_blur,
         "fit": {
             "rms_px": report["rms_px"],
             "held_out_rms_px": report["held_out_rms_px"],
@@ -173,7 +168,7 @@ def _figures(
         },
         "against_the_trace": {
             "lensfit": _judged(preset, folder)
-            if with_blur
+            if made.focus_mm is None
             else _judged_still(made, preset.at),
             "thin_lens": _of_thin_lens(made, folder),
         },
