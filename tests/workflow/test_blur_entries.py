@@ -11,7 +11,7 @@ from lensfit.fitting.entrance_pupil import EntrancePupil
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
-from lensfit.fitting.wavefront.gather import FocusGroup
+from lensfit.fitting.wavefront.gather import Beam, FocusGroup
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback
@@ -47,6 +47,7 @@ LAYOUT = Layout(
 )
 BLOCKS = LAYOUT.blocks
 REFERENCE_MM, PRINCIPAL_MM = 1500.0, 50.0
+BEAM = Beam(1.04, 0.02)
 F_NUMBERS = (2.0, 4.0)
 POINT = (9.0, -6.0)
 PITCH_MM, SIZE_PX = 0.006, 64
@@ -108,7 +109,8 @@ def fit_of(
     )
     dot_data = SimpleNamespace(
         dots=SimpleNamespace(sections=None),
-        scale=Scale(jnp.asarray(18.0), sine, jnp.asarray(PRINCIPAL_MM)),
+        scale=Scale(jnp.asarray(18.0), BEAM.ratio * sine, jnp.asarray(PRINCIPAL_MM)),
+        beam=BEAM,
         groups=groups,
         f_numbers=F_NUMBERS,
         reference_distance_mm=REFERENCE_MM,
