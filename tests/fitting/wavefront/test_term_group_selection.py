@@ -105,7 +105,7 @@ def at_two_focus_distances(near: Seidel, far: Seidel):
     stage = solve_stage(recentre_patches(stage), 8)
     # As the last stage of a fit has them: with fewer rays in the matrix a solve stops
     # on its way along a long, flat minimum.
-    stage = solve_stage(replace(stage, points=Points(design=384)))
+    stage = solve_stage(replace(stage, points=Points(image=1536, design=384)))
     return solve_stage(stage), term_groups
 
 
