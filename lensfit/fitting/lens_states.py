@@ -7,27 +7,38 @@
    (`lens_wavefronts`). It predicts the centroid bias: centroid minus chief ray.
 3. The biases are subtracted, also those of lines beside dots, and geometry and colour
    are fitted again, now to chief rays.
+4. Where these states fit worse than those of the centroids, or where a mosaic hides the
+   shape of the dots, a joint adjustment of geometry and wavefront corrects the
+   wavefront (`joint_adjustment`), and step 3 is repeated. The result is used where it
+   has the smaller held-out error.
 """
 
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.breathing import breathing_notes
 from lensfit.fitting.chart_view import View
+from lensfit.fitting.joint_adjustment import error_amplitudes
 from lensfit.fitting.lens_state import (
     LensState,
+    by_focal_length,
     engraved_focal_lengths,
+    mean_held_out_rms_px,
     more_accurate_state,
     with_colour,
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
 from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
-from lensfit.fitting.wavefront.chief_ray_takes import (
+from lensfit.fitting.wavefront.adjusted_wavefront import (
+    adjust_wavefront,
     chief_ray_takes_with_shared_moves,
+    takes_with_error_moves,
+    wavefront_errors,
 )
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit
@@ -123,26 +134,103 @@ def fit(
     if not wavefronts:
         return FittedLens(tuple(states), failed, unmeasured_blur=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
-    at_chief_rays, failed = _fit_at_chief_rays(views, wavefronts, progress)
-    states = [more_accurate_state(state, states) for state in at_chief_rays]
+    first = _fit_at_chief_rays(views, wavefronts, progress)
+    corrected = _jointly_corrected_wavefronts(states, first)
+    last = _fit_with_corrected_wavefronts(views, first, corrected, progress)
+    states = [more_accurate_state(state, states) for state in last.states]
     return FittedLens(
-        tuple(states), failed, wavefronts, without, takes_with_wide_dots, seconds
+        tuple(states),
+        last.failed,
+        last.wavefronts,
+        without,
+        takes_with_wide_dots,
+        seconds,
     )
+
+
+class _ChiefRayStates(NamedTuple):
+    """States fitted to chief rays.
+
+    Attributes
+    ----------
+    wavefronts : From which the centroid biases were predicted, by focal length.
+    views : With detections moved from centroids to chief rays, by focal length.
+    states, failed : As of `FittedLens`.
+    """
+
+    wavefronts: dict[float, WavefrontFit]
+    views: dict[float, list[View]]
+    states: list[LensState]
+    failed: dict[str, FitError]
 
 
 def _fit_at_chief_rays(
     views: list[View], wavefronts: dict[float, WavefrontFit], progress: Progress
-) -> tuple[list[LensState], dict[str, FitError]]:
-    """States fitted to detections that were moved from centroids to chief rays, and why
-    other views were not, by their name."""
-    by_name = {
-        view.name: view
-        for found in wavefronts.values()
-        for view in chief_ray_takes_with_shared_moves(found)
+) -> _ChiefRayStates:
+    by_focal = {
+        focal_mm: chief_ray_takes_with_shared_moves(found)
+        for focal_mm, found in wavefronts.items()
     }
+    by_name = {view.name: view for mine in by_focal.values() for view in mine}
     chief_ray_views = [by_name.get(view.name, view) for view in views]
     states, failed = fit_states_with_shared_parameters(chief_ray_views, progress)
-    return with_colour(states), failed
+    return _ChiefRayStates(wavefronts, by_focal, with_colour(states), failed)
+
+
+def _fit_with_corrected_wavefronts(
+    views: list[View],
+    first: _ChiefRayStates,
+    corrected: dict[float, WavefrontFit],
+    progress: Progress,
+) -> _ChiefRayStates:
+    """States fitted with the corrected wavefronts of those focal lengths whose held-out
+    error they reduce, and with the wavefronts of `first` otherwise."""
+    while corrected:
+        found = _fit_at_chief_rays(views, first.wavefronts | corrected, progress)
+        if found.failed.keys() != first.failed.keys():
+            break
+        better = _focal_lengths_with_smaller_error(found.states, first.states)
+        if corrected.keys() <= better:
+            return found
+        corrected = {mm: corrected[mm] for mm in corrected.keys() & better}
+    return first
+
+
+def _jointly_corrected_wavefronts(
+    states: list[LensState], first: _ChiefRayStates
+) -> dict[float, WavefrontFit]:
+    """Wavefronts corrected by a joint adjustment with the geometry, by focal length.
+
+    They are computed where the fit to chief rays (`first`) has a larger held-out error
+    than the fit to centroids (`states`), and behind a mosaic, which disturbs the shape
+    of a dot's image more than its position.
+    """
+    corrected = {}
+    centroids = by_focal_length(states)
+    worse = _focal_lengths_with_smaller_error(states, first.states)
+    for focal_mm, found in first.wavefronts.items():
+        if not (found.behind_mosaic or focal_mm in worse):
+            continue
+        errors = wavefront_errors(found)
+        moved = takes_with_error_moves(first.views[focal_mm], found, errors)
+        amplitudes = error_amplitudes(centroids[focal_mm], moved)
+        # The views list further errors, of their photographs and not of the wavefront.
+        adjusted = adjust_wavefront(found, errors, amplitudes.leading(len(errors)))
+        if adjusted is not None:
+            corrected[focal_mm] = adjusted
+    return corrected
+
+
+def _focal_lengths_with_smaller_error(
+    states: list[LensState], others: list[LensState]
+) -> set[float]:
+    """Focal lengths at which `states` have a smaller held-out error than `others`."""
+    mine, theirs = by_focal_length(states), by_focal_length(others)
+    return {
+        focal_mm
+        for focal_mm in mine.keys() & theirs.keys()
+        if mean_held_out_rms_px(mine[focal_mm]) < mean_held_out_rms_px(theirs[focal_mm])
+    }
 
 
 def _require_consistent_focus(views: list[View]) -> None:

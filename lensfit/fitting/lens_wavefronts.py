@@ -22,7 +22,7 @@ from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState, by_focal_length
-from lensfit.fitting.wavefront.constrained_refit import refit_without_centroid_bias
+from lensfit.fitting.wavefront.adjusted_wavefront import refit_without_centroid_bias
 from lensfit.fitting.wavefront.dot_patches import (
     LARGEST_DOT_APERTURE_CELLS,
     LARGEST_RAY_SAMPLED_CELLS,

@@ -7,6 +7,7 @@ chief ray lands farther in by the same amount.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -101,7 +102,20 @@ def sampled_dots(dot_data: DotData) -> DotData:
 def detected_point_moves_mm(
     stage: Stage, dot_data: DotData, moves: Float[np.ndarray, "moves parameters"]
 ) -> Float[np.ndarray, "dots moves 3 2"]:
-    """How detected points move with the parameters, linear in the moves."""
+    """How detected points move with the parameters, for moves of any size."""
+    few = sampled_dots(dot_data)
+    still = centroid_biases_mm(stage, few)
+    against = np.zeros((len(still), len(moves), *still.shape[1:]))
+    for k, move in enumerate(moves):
+        moved = replace(stage, parameters=stage.parameters + move)
+        against[:, k] = still - centroid_biases_mm(moved, few)
+    return _interpolated_to_all(against, few, dot_data)
+
+
+def linear_detected_point_moves_mm(
+    stage: Stage, dot_data: DotData, moves: Float[np.ndarray, "moves parameters"]
+) -> Float[np.ndarray, "dots moves 3 2"]:
+    """The same, linear in the moves and within a tenth."""
     if not len(moves):
         return np.zeros((len(dot_data.take), 0, 3, 2))
     few = sampled_dots(dot_data)

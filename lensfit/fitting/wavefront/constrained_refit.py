@@ -1,4 +1,4 @@
-"""A refit of the shape of dots with centroid biases cancelled, of one setting alone.
+"""Steps of the fit with centroid biases fixed: a constrained refit of the dots' shape.
 
 Where blur is a pixel wide, orders of coma that cancel each other but for a shift barely
 change the image. The photographs then determine the bias only weakly, and with an
@@ -16,46 +16,14 @@ from lensfit.fitting.wavefront.centroid_biases import (
     centroid_biases_mm,
     sampled_dots,
 )
-from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.gather import DotData
-from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import Stage, chi_squared, recentre_patches
 
 _BIAS_TOLERANCE_PX = 0.001
 _LARGEST_SHARE_LEFT = 0.25
 """Largest share of the sum of squared biases that may remain."""
 _ROUNDS = 3
-_LARGEST_MISFIT_RATIO = 1.1
-"""Of the misfit of dots' shape without biases to that with them."""
 _GREEN, _ALL = slice(1, 2), slice(None)
-
-
-def refit_without_centroid_bias(found: WavefrontFit) -> WavefrontFit:
-    """The wavefront of one setting with centroid biases cancelled, if that explains the
-    dots as well: their misfit grows by no more than a tenth.
-
-    Detected points of other settings would determine how far coma moves a centroid.
-    Those of one setting lie on a smooth map whatever the bias, and the map without bias
-    is the one that was measured. The shape of the dots tells another bias: so the
-    deviation of what is cancelled is all of it.
-    """
-    stage = found.stage
-    move = bias_cancelling_move(stage, found.dot_data)
-    cancelled = replace(stage, parameters=stage.parameters + move)
-    stage = refit_with_fixed_biases(recentre_patches(cancelled), found.dot_data)
-    # After too large a move rays miss the patches, and the solve is undefined.
-    numbers = (stage.parameters, *stage.equations)
-    if not all(np.isfinite(part).all() for part in numbers):
-        return found
-    misfit = misfit_of(stage, found.term_groups)
-    worse = misfit.median / found.misfit.median
-    if not worse <= _LARGEST_MISFIT_RATIO:
-        return found
-    # The held-out misfit is computed at the minima of both halves, which fixed biases
-    # do not reach: so it is scaled from the value before.
-    misfit = misfit._replace(held_out_dots=worse * found.misfit.held_out_dots)
-    covariance = found.covariance + np.outer(move, move)
-    return replace(found, stage=stage, covariance=covariance, misfit=misfit)
 
 
 def bias_cancelling_move(

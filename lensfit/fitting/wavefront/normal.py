@@ -35,7 +35,7 @@ class Points(NamedTuple):
     waves : Number of waves that broad dots are drawn in (`waves`).
     """
 
-    image: int = 768
+    image: int = 1536
     design: int = 96
     waves: int = WAVES
 

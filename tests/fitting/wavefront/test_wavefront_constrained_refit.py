@@ -1,4 +1,4 @@
-"""Dots' shape refitted at fixed centroid biases."""
+"""Dots' shape refitted at fixed centroid biases, and after the joint adjustment."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
+from lensfit.fitting.joint_adjustment import ErrorAmplitudes
+from lensfit.fitting.wavefront.adjusted_wavefront import (
+    adjust_wavefront,
+    refit_without_centroid_bias,
+    wavefront_errors,
+)
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
 from lensfit.fitting.wavefront.constrained_refit import (
     bias_cancelling_move,
     refit_with_fixed_biases,
-    refit_without_centroid_bias,
 )
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.misfit import misfit_of
@@ -99,31 +104,53 @@ def wavefront(true_fit):
     )
 
 
-_MOVE = "lensfit.fitting.wavefront.constrained_refit.bias_cancelling_move"
+def test_the_adjusted_covariance_is_that_of_the_amounts(wavefront):
+    """All amounts zero, every deviation halved; of biases a deviation of a tenth."""
+    errors = wavefront_errors(wavefront)
+    count = len(errors)
+    variance = np.diag([0.1**2, *np.full(count - 1, 0.5**2)])
+    told = adjust_wavefront(
+        wavefront, errors, ErrorAmplitudes(np.zeros(count), variance)
+    )
+    assert told is not None
+    of_errors = errors[1:].T @ errors[1:]
+    expected = wavefront.covariance - 0.75 * of_errors
+    expected = expected + 0.01 * np.outer(errors[0], errors[0])
+    np.testing.assert_allclose(told.covariance, expected, atol=1e-9)
+    parameter_move = told.stage.parameters - wavefront.stage.parameters
+    assert np.abs(parameter_move[COEFFICIENTS]).max() < 1.0
+    ratio = told.misfit.held_out_dots / wavefront.misfit.held_out_dots
+    assert abs(ratio - told.misfit.median / wavefront.misfit.median) < 1e-9
 
 
-def test_a_refit_does_not_spoil_the_shape_of_dots(wavefront):
-    """Biases that exist are not cancelled."""
-    assert refit_without_centroid_bias(wavefront) is wavefront
+def test_an_adjustment_does_not_spoil_the_shape_of_dots(wavefront):
+    """Biases that exist are adjusted to zero."""
+    errors = wavefront_errors(wavefront)
+    value = np.zeros(len(errors))
+    value[0] = 1.0
+    said = ErrorAmplitudes(value, np.eye(len(errors)))
+    assert adjust_wavefront(wavefront, errors, said) is None
 
 
 def test_a_move_that_fails_leaves_the_wavefront(wavefront, monkeypatch):
     """A solve far off may end in NaN: then centroids stay where they were found."""
-    monkeypatch.setattr(_MOVE, lambda *_: np.full(LAYOUT.size, np.nan))
+    nowhere = np.full((1, LAYOUT.size), np.nan)
+    nothing = ErrorAmplitudes(np.ones(1), np.zeros((1, 1)))
+    assert adjust_wavefront(wavefront, nowhere, nothing) is None
+    where = "lensfit.fitting.wavefront.adjusted_wavefront.bias_cancelling_move"
+    monkeypatch.setattr(where, lambda *_: nowhere[0])
     assert refit_without_centroid_bias(wavefront) is wavefront
 
 
 def test_a_bias_that_is_cancelled_stays_in_doubt(wavefront, monkeypatch):
     """By all of it: the shape of the dots told another one."""
-    move = np.zeros(LAYOUT.size)
-    move[COEFFICIENTS.start] = 0.03
-    monkeypatch.setattr(_MOVE, lambda *_: move)
+    move = 0.1 * wavefront_errors(wavefront)[1]
+    where = "lensfit.fitting.wavefront.adjusted_wavefront.bias_cancelling_move"
+    monkeypatch.setattr(where, lambda *_: move)
     told = refit_without_centroid_bias(wavefront)
     assert told is not wavefront
     doubted = wavefront.covariance + np.outer(move, move)
     np.testing.assert_allclose(told.covariance, doubted, rtol=1e-9, atol=1e-15)
-    ratio = told.misfit.held_out_dots / wavefront.misfit.held_out_dots
-    assert ratio == pytest.approx(told.misfit.median / wavefront.misfit.median)
 
 
 def test_biases_too_large_for_a_step_are_not_cancelled(true_fit):

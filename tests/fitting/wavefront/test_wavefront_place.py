@@ -11,12 +11,13 @@ from found_marks import found_marks
 
 from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.wavefront.centroid_biases import (
-    detected_point_moves_mm,
-)
-from lensfit.fitting.wavefront.chief_ray_takes import (
+from lensfit.fitting.wavefront.adjusted_wavefront import (
     chief_ray_takes,
     takes_with_shared_moves,
+)
+from lensfit.fitting.wavefront.centroid_biases import (
+    detected_point_moves_mm,
+    linear_detected_point_moves_mm,
 )
 from lensfit.fitting.wavefront.constrained_refit import bias_cancelling_move
 from lensfit.fitting.wavefront.fit import WavefrontFit
@@ -122,7 +123,7 @@ def test_points_have_the_common_errors_of_the_wavefront(shot):
     move = 1e-3 * LENS.parameters()
     moved = replace(stage, parameters=stage.parameters + move)
     still, after = chief_ray_takes(stage, dot_data), chief_ray_takes(moved, dot_data)
-    moves_mm = detected_point_moves_mm(stage, dot_data, move[None])
+    moves_mm = linear_detected_point_moves_mm(stage, dot_data, move[None])
     found = cast(WavefrontFit, Found(stage, dot_data))
     takes = takes_with_shared_moves(still, found, lambda _: moves_mm)
     for k, take in enumerate(takes):
@@ -137,6 +138,25 @@ def test_points_have_the_common_errors_of_the_wavefront(shot):
         )
         assert not shared[:, :, -1].any()
     assert all(take.shared_moves_mm is None for take in still)
+
+
+def test_moves_of_any_size_are_those_of_a_fit_with_other_parameters(shot):
+    """To rounding."""
+    stage, dot_data, _ = shot
+    move = 1e-3 * LENS.parameters()
+    moved = replace(stage, parameters=stage.parameters + move)
+    before = chief_ray_takes(stage, dot_data)
+    moves_mm = detected_point_moves_mm(stage, dot_data, move[None])
+    found = cast(WavefrontFit, Found(stage, dot_data))
+    asked = takes_with_shared_moves(before, found, lambda _: moves_mm)
+    for take, still, after in zip(
+        asked, before, chief_ray_takes(moved, dot_data), strict=True
+    ):
+        assert take.shared_moves_mm is not None
+        points = after.observations.points_px - still.observations.points_px
+        np.testing.assert_allclose(
+            take.shared_moves_mm[0, 1], points * PIXEL_MM, atol=1e-9
+        )
 
 
 def test_biases_can_be_cancelled_by_a_move_of_the_parameters(shot):

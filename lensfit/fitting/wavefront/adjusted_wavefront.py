@@ -1,4 +1,12 @@
-"""Takes whose points are chief rays, and how errors of the wavefront move them.
+"""The wavefront after the joint adjustment, and takes whose points are chief rays.
+
+Detected points constrain the shape of dots only weakly. So the joint adjustment moves
+the wavefront along the errors that its own fit left undetermined, which change the
+photographs least, and reduces its covariance to what the detected points leave. One
+error is added to those that the scatter over dots shows, since what the model misses is
+alike in all dots: that all centroid biases are wrong (`bias_cancelling_move`). Then the
+shape of dots is fitted again with the centroid biases fixed where the joint adjustment
+put them.
 
 A centroid is not where the chief ray lands: coma and clipping move it, differently at
 every f-number, focus and colour. The wavefront gives that bias (`centroid_biases`). The
@@ -19,16 +27,23 @@ from scipy.interpolate import RBFInterpolator
 
 from lensfit.detect.observations import CHANNELS
 from lensfit.fitting.chart_view import View
+from lensfit.fitting.joint_adjustment import ErrorAmplitudes
 from lensfit.fitting.wavefront.aliasing import Aliasing, aliasing_of
 from lensfit.fitting.wavefront.centroid_biases import (
     detected_point_moves_mm,
+    linear_detected_point_moves_mm,
     smooth_centroid_biases_mm,
     smooth_line_light_shares,
+)
+from lensfit.fitting.wavefront.constrained_refit import (
+    bias_cancelling_move,
+    refit_with_fixed_biases,
 )
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.gather import DotData
-from lensfit.fitting.wavefront.stages import Stage
+from lensfit.fitting.wavefront.misfit import misfit_of
+from lensfit.fitting.wavefront.stages import Stage, recentre_patches
 from lensfit.fitting.wavefront.term_groups import (
     LAST,
     colour_term_groups,
@@ -194,6 +209,10 @@ def _take_at_chief_rays(
     return replace(take, chief_rays=True, observations=corrected)
 
 
+_LARGEST_MISFIT_RATIO = 1.1
+"""Largest ratio of the misfit of dots' shape after the adjustment to that before."""
+
+
 def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
@@ -209,7 +228,7 @@ def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     ]
 
     def moves_of(dot_data: DotData) -> np.ndarray:
-        return detected_point_moves_mm(stage, dot_data, moves)
+        return linear_detected_point_moves_mm(stage, dot_data, moves)
 
     return takes_with_shared_moves(takes, found, moves_of, orders)
 
@@ -228,3 +247,78 @@ def _colour_moves(
     first = layout.blocks["colour"].start
     rows = first + np.arange(len(layout.colour_terms))
     return tuple(t.order for t in layout.colour_terms), np.diag(deviation)[rows]
+
+
+def takes_with_error_moves(
+    takes: list[View],
+    found: WavefrontFit,
+    errors: Float[np.ndarray, "errors parameters"],
+) -> list[View]:
+    """The same takes with how these errors (`wavefront_errors`) move every point.
+
+    The first one is large; the others, of one standard deviation, are linear.
+    """
+
+    def moves_of(dot_data: DotData) -> np.ndarray:
+        large = detected_point_moves_mm(found.stage, dot_data, errors[:1])
+        small = linear_detected_point_moves_mm(found.stage, dot_data, errors[1:])
+        return np.concatenate([large, small], 1)
+
+    return takes_with_shared_moves(takes, found, moves_of)
+
+
+def wavefront_errors(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:
+    """Moves of the parameters: first the one that cancels all centroid biases, then the
+    independent errors of one standard deviation each."""
+    whole = bias_cancelling_move(found.stage, found.dot_data)
+    return np.concatenate([whole[None], parameter_moves(found.stage, found.covariance)])
+
+
+def refit_without_centroid_bias(found: WavefrontFit) -> WavefrontFit:
+    """The wavefront of one setting with centroid biases cancelled, if that explains the
+    dots as well.
+
+    Detected points of other settings would determine how far coma moves a centroid.
+    Those of one setting lie on a smooth map whatever the bias, and the map without bias
+    is the one that was measured. The shape of the dots tells another bias: so the
+    deviation of what is cancelled is all of it.
+    """
+    whole = bias_cancelling_move(found.stage, found.dot_data)[None]
+    kept = adjust_wavefront(found, whole, ErrorAmplitudes(np.ones(1), np.ones((1, 1))))
+    return found if kept is None else kept
+
+
+def adjust_wavefront(
+    found: WavefrontFit,
+    errors: Float[np.ndarray, "errors parameters"],
+    amounts: ErrorAmplitudes,
+) -> WavefrontFit | None:
+    """The wavefront with these amounts of the errors added and the dots' shape
+    refitted; None where the misfit of dots grows by more than a tenth.
+
+    Parameters
+    ----------
+    errors : From `wavefront_errors`.
+    amounts : Amount of each error.
+    """
+    stage = found.stage
+    adjusted = replace(stage, parameters=stage.parameters + amounts.value @ errors)
+    stage = refit_with_fixed_biases(recentre_patches(adjusted), found.dot_data)
+    # After too large a move rays miss the patches, and the solve is undefined.
+    numbers = (stage.parameters, *stage.equations)
+    if not all(np.isfinite(part).all() for part in numbers):
+        return None
+    misfit = misfit_of(stage, found.term_groups)
+    worse = misfit.median / found.misfit.median
+    if not worse <= _LARGEST_MISFIT_RATIO:
+        return None
+    # The held-out misfit is computed at the minima of both halves, which fixed biases
+    # do not reach: so it is scaled from the value before.
+    misfit = misfit._replace(held_out_dots=worse * found.misfit.held_out_dots)
+    before = np.diag([0.0, *np.ones(len(errors) - 1)])
+    return replace(
+        found,
+        stage=stage,
+        covariance=found.covariance + errors.T @ (amounts.covariance - before) @ errors,
+        misfit=misfit,
+    )
