@@ -42,8 +42,9 @@ _GREEN = 1
 _TERMS = 12
 _NOTHING = 1e-6
 _LARGEST_LOSS = 40.0
-_FAINT = 0.01
-"""What is left of a loss after its other parts is noise below this."""
+_FAINT = 0.02
+"""What is left of a loss after its other parts has no shape below this: fall-off is
+known to about 2 % of the illumination."""
 
 Loss = Float[np.ndarray, " radii"]
 

@@ -132,7 +132,8 @@ def _patches(
         light = _on_pixels(light, rays, own, live, raster.pitch_mm, middle)
     requested = np.asarray(light)[:count, : raster.size_px, : raster.size_px]
     total = requested.sum((1, 2), dtype=float)
-    return requested / np.maximum(total, 1e-300)[:, None, None]
+    # Differences of the error function round to a little below zero.
+    return np.maximum(requested, 0) / np.maximum(total, 1e-300)[:, None, None]
 
 
 def _pencils_of(points: Points, optics: Optics) -> Pencil:

@@ -68,7 +68,9 @@ def test_a_stated_loss_has_no_colour(name, part):
     )
     np.testing.assert_allclose(red, green, atol=0.02)
     np.testing.assert_allclose(blue, green, atol=0.02)
-    assert 0.02 < green[6] < 1.0
+    assert (np.diff(green) > -1e-6).all()
+    assert 0 < green[6] < 1.0
+    np.testing.assert_allclose(green[-1], 2.0, atol=0.03)
 
 
 def test_illumination_never_rises_outwards_nor_above_one():

@@ -114,8 +114,9 @@ def test_what_shapes_the_blur_leaves_place_and_brightness(knob):
 
 
 def test_natural_fall_off_is_a_factor_on_the_frame():
-    none, twice = (fitted(natural_vignetting_gain=v) for v in (0.0, 2.0))
-    found = [frame_of(fitted, natural_vignetting_gain=v) for v in (0.0, 2.0)]
+    """A stated loss: the pupil of this lens leaves it none to photograph."""
+    none, twice = (fitted(natural_vignetting_stops=v) for v in (0.0, 1.0))
+    found = [frame_of(fitted, natural_vignetting_stops=v) for v in (0.0, 1.0)]
     window = Window.of_size(WIDTH, HEIGHT)
     geometry = PlateGeometry.of(none, window)
     y, x = np.mgrid[20 : HEIGHT - 20 : 10, 20 : WIDTH - 20 : 10]
