@@ -17,7 +17,7 @@ makes of m_p. The beam that an f-number stands for, f over the pupil's diameter,
 from f: at a near focus it differs by the whole of breathing.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float
@@ -56,12 +56,15 @@ def inverse_pupil_magnification(
     return float(1 + np.linalg.solve(matrix, vector)[1])
 
 
-def breathing_notes(states: Iterable[LensState]) -> Iterator[str]:
-    """One sentence for each focal length that draws larger focused far than near.
+def reversed_breathing(states: Iterable[LensState]) -> dict[float, str]:
+    """A sentence for each focal length that draws larger focused far than near.
 
-    Only where the chart's distance was measured: the principal distance is taken from
-    the stated focus otherwise.
+    Lenses that focus inside do, and so does a shoot whose near and far focus distances
+    were swapped: blur alone tells which (`wavefront.descent.other_side_cost`). Only
+    where the chart's distance was measured: the principal distance is taken from the
+    stated focus otherwise.
     """
+    found = {}
     for focal_mm, mine in by_focal_length(states).items():
         known = [
             (state.focus_distance_mm, float(state.distortion.principal_distance_mm))
@@ -72,12 +75,12 @@ def breathing_notes(states: Iterable[LensState]) -> Iterator[str]:
             continue
         (near_mm, near), (far_mm, far) = min(known), max(known)
         if far > (1 + _REVERSED) * near:
-            yield (
+            found[focal_mm] = (
                 f"at {focal_mm:g} mm the picture is {100 * (far / near - 1):.1f} % "
                 f"larger focused at {far_mm:g} mm than at {near_mm:g} mm, as only of "
-                "lenses that focus inside: check that focus_distance_mm of near and "
-                "far takes were not swapped"
+                "lenses that focus inside"
             )
+    return found
 
 
 def _measured(state: LensState) -> bool:

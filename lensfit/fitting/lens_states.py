@@ -21,7 +21,7 @@ from typing import NamedTuple
 from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
-from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.breathing import reversed_breathing
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.joint_adjustment import error_amplitudes
 from lensfit.fitting.lens_state import (
@@ -93,7 +93,7 @@ class FittedLens:
             *(one.sentence for one in stated if one.contradicts),
             *unmeasured,
             *takes_with_wide_dots,
-            *breathing_notes(self.states),
+            *reversed_breathing(self.states).values(),
         )
 
 

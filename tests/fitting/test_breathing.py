@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lensfit.fitting.breathing import breathing_notes, inverse_pupil_magnification
+from lensfit.fitting.breathing import inverse_pupil_magnification, reversed_breathing
 from lensfit.fitting.stated_facts import PUPIL_MAGNIFICATION_WIDTH
 from lensfit.optics.paraxial import FirstOrder, first_order_of, magnification
+from lensfit.workflow.statements import contradictions
 
 
 def state(focus_mm, principal_mm, target_mm=2000.0, focal_mm=50.0):
@@ -26,18 +27,31 @@ EXTENDED, DRAWN_IN = 52.0, 50.8
 
 
 def test_a_lens_that_moves_as_a_whole_is_not_remarked_on():
-    assert not [*breathing_notes([state(NEAR_MM, EXTENDED), state(FAR_MM, DRAWN_IN)])]
+    assert not reversed_breathing([state(NEAR_MM, EXTENDED), state(FAR_MM, DRAWN_IN)])
 
 
 def test_swapped_focus_distances_are_remarked_on():
-    (note,) = breathing_notes([state(FAR_MM, EXTENDED), state(NEAR_MM, DRAWN_IN)])
-    assert "2.4 % larger focused at 3300 mm than at 1300 mm" in note
-    assert "swapped" in note
+    found = reversed_breathing([state(FAR_MM, EXTENDED), state(NEAR_MM, DRAWN_IN)])
+    assert found.keys() == {50.0}
+    assert "2.4 % larger focused at 3300 mm than at 1300 mm" in found[50.0]
+
+
+@pytest.mark.parametrize(("told_apart", "accused"), [(True, 0), (False, 1)])
+def test_swapping_is_suspected_where_the_blur_does_not_tell(told_apart, accused):
+    wavefront = SimpleNamespace(
+        fits_stated_side_better=lambda: told_apart, mirrored=False, has=lambda _: False
+    )
+    fitted = SimpleNamespace(
+        states=[state(FAR_MM, EXTENDED), state(NEAR_MM, DRAWN_IN)],
+        wavefronts={50.0: wavefront},
+    )
+    found = [*contradictions.contradictions_of_fit([], fitted)]
+    assert len([one for one in found if one.kind == "side_of_focus"]) == accused
 
 
 def test_infinity_is_farther_than_any_distance():
-    (note,) = breathing_notes([state(float("inf"), 51.0), state(NEAR_MM, 50.0)])
-    assert "focused at inf mm" in note
+    found = reversed_breathing([state(float("inf"), 51.0), state(NEAR_MM, 50.0)])
+    assert "focused at inf mm" in found[50.0]
 
 
 @pytest.mark.parametrize("unknown", ["focus", "target"])
@@ -45,12 +59,12 @@ def test_what_was_not_measured_says_nothing(unknown):
     focus = None if unknown == "focus" else FAR_MM
     target = None if unknown == "target" else 2000.0
     states = [state(focus, EXTENDED, target), state(NEAR_MM, DRAWN_IN)]
-    assert not [*breathing_notes(states)]
+    assert not reversed_breathing(states)
 
 
 def test_focal_lengths_are_not_compared_with_each_other():
     states = [state(NEAR_MM, EXTENDED), state(FAR_MM, 90.0, focal_mm=85.0)]
-    assert not [*breathing_notes(states)]
+    assert not reversed_breathing(states)
 
 
 def principal_distances_mm(focal_mm, m_p, from_pupil_mm):

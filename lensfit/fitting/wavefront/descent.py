@@ -18,7 +18,6 @@ from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.blades import EARLY_MISFIT_SHARE, fit_blades
 from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, initial_weights
 from lensfit.fitting.wavefront.multistart import (
-    DECISIVE,
     candidate_at,
     mirrored_candidate,
 )
@@ -101,12 +100,10 @@ def cost_at_initial_weights(stage: Stage) -> float:
     return chi_squared(recentre_patches(replace(stage, weight=weight), 1))
 
 
-def fits_other_side_better(fine: Stage) -> bool:
-    """Whether a lens on the other side of focus explains the dots decisively better."""
+def other_side_cost(fine: Stage) -> float:
+    """Cost of the best lens on the other side of focus, over that of this one."""
     other = mirrored_candidate(candidate_at(fine))
-    return cost_at_initial_weights(other.stage) * DECISIVE < cost_at_initial_weights(
-        fine
-    )
+    return cost_at_initial_weights(other.stage) / cost_at_initial_weights(fine)
 
 
 def fit_selected_term_groups(

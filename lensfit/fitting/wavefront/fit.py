@@ -23,9 +23,9 @@ from lensfit.fitting.wavefront.descent import (
     cost_at_initial_weights,
     fine_fit,
     fit_selected_term_groups,
-    fits_other_side_better,
     last_fit,
     middle_fit,
+    other_side_cost,
     pixel_fit,
 )
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph, rim_patches
@@ -216,6 +216,13 @@ class WavefrontFit:
         """Settings to which the blur is extrapolated, in a sentence each."""
         return extrapolation_notes(self.dot_data)
 
+    def fits_stated_side_better(self) -> bool:
+        """Whether no lens on the other side of focus explains the dots about as well.
+
+        Solves for that lens: seconds.
+        """
+        return self.sign_known and other_side_cost(self.stage) > DECISIVE
+
     def has(self, term_group: str) -> bool:
         """Whether a term group was fitted and kept."""
         return any(one.name == term_group for one in self.term_groups)
@@ -265,7 +272,7 @@ def fit_wavefront(
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
-    mirrored = suspect and fits_other_side_better(best)
+    mirrored = suspect and other_side_cost(best) * DECISIVE < 1
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
     return WavefrontFit(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.breathing import reversed_breathing
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.wavefront.fit import WavefrontFit
@@ -69,11 +69,14 @@ def contradictions_of_fit(
     takes: Sequence[View], fitted: FittedLens
 ) -> Iterator[Contradiction]:
     """Those that the fitted lens shows."""
-    for note in breathing_notes(fitted.states):
+    for focal_mm, sentence in reversed_breathing(fitted.states).items():
+        wavefront = fitted.wavefronts.get(focal_mm)
+        if wavefront is not None and wavefront.fits_stated_side_better():
+            continue
         yield Contradiction(
             kind="side_of_focus",
             limit="undistortion",
-            text=f"near and far are probably swapped: {note.partition(':')[0]}",
+            text=f"near and far are probably swapped: {sentence}",
             remedy="check focus_distance_mm of near and far views",
             statement="focus_distance_mm",
         )
