@@ -52,22 +52,61 @@ def _of_one_lens(read: Callable[[Path, StatedValues], ForeignLens]) -> Reader:
     return lambda path, stated, _: read(path, stated)
 
 
-READERS: dict[str, Reader] = {
-    "opencv": lambda path, stated, _: lens_of_opencv(read_opencv(path), stated, path),
-    "lensfun": lambda path, stated, camera: lens_of_lensfun(
-        read_lensfun(path), stated, path, camera
+@dataclass(frozen=True)
+class Format:
+    """Another program's file: how it is read, and what tells it from the others.
+
+    Attributes
+    ----------
+    read : Its reader.
+    starts : First bytes, one of them, of a file that is no text.
+    first : First characters of a text, any of them; empty if any may be.
+    words : Of which one stands in the text; empty if none need to.
+    """
+
+    read: Reader
+    starts: tuple[bytes, ...] = ()
+    first: str = ""
+    words: tuple[str, ...] = ()
+
+    def is_text(self, text: str) -> bool:
+        """Whether a text is such a file."""
+        begun = not self.first or text.lstrip()[:1] in tuple(self.first)
+        named = not self.words or any(word in text for word in self.words)
+        return not self.starts and begun and named
+
+
+FOREIGN_FORMATS: dict[str, Format] = {
+    "stmap": Format(_of_one_lens(lens_of_uv_map), starts=(_EXR_MAGIC,)),
+    "usd": Format(_of_one_lens(read_usd_camera), starts=STARTS),
+    "mrcal": Format(_of_one_lens(read_mrcal), words=("LENSMODEL_",)),
+    "unreal": Format(
+        _of_one_lens(read_unreal), first="{", words=('"cameraParameterTables"',)
     ),
-    "opentrackio": lambda path, stated, _: lens_of_opentrackio(
-        read_opentrackio(path), stated, path
+    "syntheyes": Format(_of_one_lens(read_syntheyes), first="<", words=("<Lens",)),
+    "lensfun": Format(
+        lambda path, stated, camera: lens_of_lensfun(
+            read_lensfun(path), stated, path, camera
+        ),
+        first="<",
+        words=("<lensdatabase",),
     ),
-    "nuke": lambda path, stated, _: lens_of_tde4(read_tde4_nodes(path), stated, path),
-    "stmap": _of_one_lens(lens_of_uv_map),
-    "usd": _of_one_lens(read_usd_camera),
-    "mrcal": _of_one_lens(read_mrcal),
-    "unreal": _of_one_lens(read_unreal),
-    "syntheyes": _of_one_lens(read_syntheyes),
+    "opencv": Format(
+        lambda path, stated, _: lens_of_opencv(read_opencv(path), stated, path),
+        words=("camera_matrix", "opencv-matrix", "opencv_storage", "%YAML"),
+    ),
+    "nuke": Format(
+        lambda path, stated, _: lens_of_tde4(read_tde4_nodes(path), stated, path),
+        words=("LD_3DE",),
+    ),
+    "opentrackio": Format(
+        lambda path, stated, _: lens_of_opentrackio(
+            read_opentrackio(path), stated, path
+        ),
+        first="{[",
+    ),
 }
-FOREIGN_FORMATS = tuple(READERS)
+"""What tells a file by less stands further down."""
 
 
 def read_foreign(
@@ -86,11 +125,11 @@ def read_foreign(
     """
     path = Path(path)
     kind = kind or kind_of(path)
-    if kind not in READERS:
+    if kind not in FOREIGN_FORMATS:
         raise ExchangeError(
-            f"{kind!r} is no format", remedy=f"known are {', '.join(READERS)}"
+            f"{kind!r} is no format", remedy=f"known are {', '.join(FOREIGN_FORMATS)}"
         )
-    return READERS[kind](path, stated, camera)
+    return FOREIGN_FORMATS[kind].read(path, stated, camera)
 
 
 def kind_of(path: Path) -> str:
@@ -103,26 +142,13 @@ def kind_of(path: Path) -> str:
     if path.is_file():
         with path.open("rb") as file:
             start = file.read(8)
-        if start[:4] == _EXR_MAGIC:
-            return "stmap"
-        if start.startswith(STARTS):
-            return "usd"
+        for kind, one in FOREIGN_FORMATS.items():
+            if one.starts and start.startswith(one.starts):
+                return kind
     text = read_text(path, "exchange file")
-    start = text.lstrip()[:1]
-    if "LENSMODEL_" in text:
-        return "mrcal"
-    if start == "{" and '"cameraParameterTables"' in text:
-        return "unreal"
-    if start == "<" and "<Lens" in text:
-        return "syntheyes"
-    if start in ("{", "["):
-        return "opentrackio"
-    if start == "<":
-        return "lensfun" if "<lensdatabase" in text else "opencv"
-    if "LD_3DE" in text:
-        return "nuke"
-    if "camera_matrix" in text or "opencv-matrix" in text or text.startswith("%YAML"):
-        return "opencv"
+    for kind, one in FOREIGN_FORMATS.items():
+        if one.is_text(text):
+            return kind
     raise ExchangeError(
         "is of no format that is known here",
         where=path,

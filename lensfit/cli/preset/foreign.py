@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 class ImportFormat(StrEnum):
     """As in `lensfit.exchange.imports.FOREIGN_FORMATS`."""
 
-    opencv = "opencv"
-    lensfun = "lensfun"
-    opentrackio = "opentrackio"
-    nuke = "nuke"
     stmap = "stmap"
     usd = "usd"
     mrcal = "mrcal"
     unreal = "unreal"
     syntheyes = "syntheyes"
+    lensfun = "lensfun"
+    opencv = "opencv"
+    nuke = "nuke"
+    opentrackio = "opentrackio"
 
 
 class MapDirection(StrEnum):
