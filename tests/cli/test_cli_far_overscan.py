@@ -61,5 +61,5 @@ def test_an_element_that_has_left_the_frame_is_empty(tmp_path, left):
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 3)])
 def test_a_frame_of_a_single_pixel_or_row_is_rendered(tmp_path, size):
     made = rendered(tmp_path, Window.of_size(*size), Window.of_size(*size))
-    """Its pixels are as large as the sensor: the outer ones see the fall-off far out."""
+    """Its pixels are as wide as the sensor: the outer ones see fall-off far out."""
     assert (colours(made) > 0.02).all()

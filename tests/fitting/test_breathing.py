@@ -39,7 +39,7 @@ def test_swapped_focus_distances_are_remarked_on():
 @pytest.mark.parametrize(("told_apart", "accused"), [(True, 0), (False, 1)])
 def test_swapping_is_suspected_where_the_blur_does_not_tell(told_apart, accused):
     wavefront = SimpleNamespace(
-        fits_stated_side_better=lambda: told_apart, mirrored=False, has=lambda _: False
+        fits_stated_side=told_apart, mirrored=False, has=lambda _: False
     )
     fitted = SimpleNamespace(
         states=[state(FAR_MM, EXTENDED), state(NEAR_MM, DRAWN_IN)],

@@ -10,6 +10,7 @@ that explains them predicts other settings poorly: aberrations and defocus compe
 each other there, and not elsewhere.
 """
 
+import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
@@ -141,9 +142,8 @@ _ALIKE = 1.01
 candidates."""
 _Choice = Callable[..., list[Candidate]]
 """One of the rules of `multistart`."""
-_SUSPECT = 0.08
-"""Held-out misfit, as a share of a dot's image, above which the other side of focus is
-tried: where the side was stated correctly a third of this is usual."""
+_DOTS_FOR_SIDE = 6
+"""Of each photograph: the two sides of focus are told apart by few."""
 _EXPLAINED = 4.0
 """Cost of a dot and channel, smoothed, up to which no other start is tried: a residual
 of a tenth of the peak on one cell, or of a twentieth on four."""
@@ -165,8 +165,8 @@ class WavefrontFit:
     undetermined_term_groups : Term groups that the photographs do not determine.
     sign_known : Whether stated distances or the photographs determine the sign of
         defocus.
-    mirrored : Whether the dots are explained decisively better on the other side of
-        focus than was stated; tested only where their misfit is large.
+    other_side_cost : Of the best lens on the other side of focus than was stated, over
+        that of this one; NaN where no side was stated.
     misfit : How far the images of dots are from those photographed.
     beside : Photographs at the same focus distances whose marks were not fitted, as
         lines are beside dots: where their chief rays land follows from the rest.
@@ -180,7 +180,7 @@ class WavefrontFit:
     model_errors: ModelErrors
     undetermined_term_groups: tuple[str, ...]
     sign_known: bool
-    mirrored: bool
+    other_side_cost: float
     misfit: Misfit
     beside: DotData | None = None
 
@@ -188,6 +188,17 @@ class WavefrontFit:
     def converged(self) -> bool:
         """Whether the last solve met its tolerance."""
         return self.stage.converged
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the dots are explained decisively better on the other side of focus
+        than was stated."""
+        return self.other_side_cost * DECISIVE < 1
+
+    @property
+    def fits_stated_side(self) -> bool:
+        """Whether the dots are explained decisively better as was stated."""
+        return self.sign_known and self.other_side_cost > DECISIVE
 
     @property
     def total_covariance(self) -> Float[np.ndarray, "parameters parameters"]:
@@ -215,13 +226,6 @@ class WavefrontFit:
     def extrapolation_notes(self) -> tuple[str, ...]:
         """Settings to which the blur is extrapolated, in a sentence each."""
         return extrapolation_notes(self.dot_data)
-
-    def fits_stated_side_better(self) -> bool:
-        """Whether no lens on the other side of focus explains the dots about as well.
-
-        Solves for that lens: seconds.
-        """
-        return self.sign_known and other_side_cost(self.stage) > DECISIVE
 
     def has(self, term_group: str) -> bool:
         """Whether a term group was fitted and kept."""
@@ -271,8 +275,8 @@ def fit_wavefront(
     final = last_fit(stage_with_beam(chosen_fit, beam), term_groups)
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
-    suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
-    mirrored = suspect and other_side_cost(best) * DECISIVE < 1
+    other_side = _other_side_cost(final) if coarse.side_stated else math.nan
+    mirrored = other_side * DECISIVE < 1
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
     return WavefrontFit(
@@ -288,9 +292,15 @@ def fit_wavefront(
             final, term_groups, covariance
         ),
         sign_known=settled and not (mirrored or runs_against_statements(final)),
-        mirrored=mirrored,
+        other_side_cost=other_side,
         misfit=misfit,
     )
+
+
+def _other_side_cost(final: Stage) -> float:
+    rows = rows_spread_over_takes(final.dot_data, _DOTS_FOR_SIDE)
+    few = stage_on_dots(final, select_dots(final.dot_data, rows))
+    return other_side_cost(recentre_patches(few))
 
 
 def _fine_dots(

@@ -71,7 +71,7 @@ def contradictions_of_fit(
     """Those that the fitted lens shows."""
     for focal_mm, sentence in reversed_breathing(fitted.states).items():
         wavefront = fitted.wavefronts.get(focal_mm)
-        if wavefront is not None and wavefront.fits_stated_side_better():
+        if wavefront is not None and wavefront.fits_stated_side:
             continue
         yield Contradiction(
             kind="side_of_focus",
