@@ -20,7 +20,6 @@ from jaxtyping import Float
 
 from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState, by_focal_length
 from lensfit.fitting.wavefront.adjusted_wavefront import refit_without_centroid_bias
 from lensfit.fitting.wavefront.dot_patches import (
@@ -33,6 +32,7 @@ from lensfit.fitting.wavefront.dot_patches import (
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fitting.wavefront.gather import (
+    PhotographedFallOff,
     farthest_point_rows,
     gather,
     gather_beside,
@@ -103,7 +103,7 @@ def fit_wavefronts(
         try:
             fitted = fit_wavefront(
                 photographs,
-                _widest_fall_off(mine),
+                _fall_offs(mine),
                 progress,
                 effort=effort,
                 allowed=allowed,
@@ -236,11 +236,13 @@ def _dot_photographs(
     ]
 
 
-def _widest_fall_off(states: list[LensState]) -> FallOffFit | None:
-    known = [
-        (fall_off.f_number, k, fall_off)
-        for k, state in enumerate(states)
-        for fall_off in state.fall_off
-        if fall_off.f_number is not None
-    ]
-    return min(known)[-1] if known else None
+def _fall_offs(states: list[LensState]) -> tuple[PhotographedFallOff, ...]:
+    """One for every f-number, the widest first."""
+    found = {}
+    for state in states:
+        principal_mm = float(state.distortion.principal_distance_mm)
+        for one in state.fall_off:
+            if one.f_number is not None and one.f_number not in found:
+                photographed = PhotographedFallOff(one, one.f_number, principal_mm)
+                found[one.f_number] = photographed
+    return tuple(found[f_number] for f_number in sorted(found))

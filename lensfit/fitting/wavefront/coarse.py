@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.wavefront.gather import (
     DotData,
     rows_spread_over_takes,
@@ -116,14 +115,13 @@ class CoarseFit(NamedTuple):
 def coarse_fit(
     dot_data: DotData,
     layout: Layout,
-    fall_off: FallOffFit | None,
     allowed: Collection[str] | None = None,
 ) -> CoarseFit:
     """Third order, from the starts that fit the photographs best."""
     first = first_defocus(dot_data)
     term_groups = candidate_term_groups(dot_data, layout, first.value_mm, allowed)
     deviation = deviation_of(term_groups, layout, COARSE)
-    perfect = first_parameters(dot_data, layout, fall_off, first.value_mm)
+    perfect = first_parameters(dot_data, layout, first.value_mm)
     all_stated = bool(first.side_stated.all())
     side_stated = all_stated and bool(np.any(np.abs(first.value_mm) > IN_FOCUS_MM))
     some = dot_data

@@ -12,12 +12,11 @@ each other there, and not elsewhere.
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.coarse import CoarseFit, coarse_fit, solve_on_all_dots
 from lensfit.fitting.wavefront.descent import (
@@ -33,6 +32,7 @@ from lensfit.fitting.wavefront.dot_patches import DotPhotograph, rim_patches
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.gather import (
     DotData,
+    PhotographedFallOff,
     gather,
     rows_spread_over_takes,
     select_dots,
@@ -234,7 +234,7 @@ class WavefrontFit:
 
 def fit_wavefront(
     photographs: list[DotPhotograph],
-    fall_off: FallOffFit | None,
+    fall_offs: tuple[PhotographedFallOff, ...] = (),
     progress: Progress = silent,
     *,
     effort: Effort = Effort.NORMAL,
@@ -246,17 +246,17 @@ def fit_wavefront(
     Parameters
     ----------
     photographs : Photographs whose f-number is known.
-    fall_off : Measured at the widest f-number, or None.
+    fall_offs : Measured, the widest f-number first.
     allowed : Names of the term groups that may be free (`term_groups.SEIDEL`); None for
         all.
     """
     spectrum = spectrum or bands(3)
-    every = gather(photographs, spectrum)
+    every = replace(gather(photographs, spectrum), fall_offs=fall_offs)
     layout = _layout_of(every)
     few = select_dots(
         every, rows_spread_over_takes(every, effort.coarse_dots(len(photographs)))
     )
-    coarse = coarse_fit(few, layout, fall_off, allowed)
+    coarse = coarse_fit(few, layout, allowed)
     progress("wavefront", 1, 4)
     middle = _candidates_after_middle(coarse, few)
     progress("wavefront", 2, 4)
@@ -314,6 +314,7 @@ def _fine_dots(
     if every.of_one_setting or all(one.take.rims is None for one in photographs):
         return select_dots(every, rows_spread_over_takes(every, dots))
     rims = gather(rim_patches(photographs), spectrum)
+    rims = replace(rims, fall_offs=every.fall_offs)
     return select_dots(rims, rows_spread_over_takes(rims, _RIMS_PER_DOT * dots))
 
 

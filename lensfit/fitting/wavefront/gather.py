@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
+from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.wavefront.beside import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
@@ -60,6 +61,14 @@ class Beam(NamedTuple):
 OF_F_NUMBER = Beam(1.0, 0.0)
 
 
+class PhotographedFallOff(NamedTuple):
+    """Fall-off at a stated f-number, of a state of this principal distance."""
+
+    fit: FallOffFit
+    f_number: float
+    principal_distance_mm: float
+
+
 @dataclass(frozen=True, eq=False)
 class DotData:
     """All dots of all photographs.
@@ -80,6 +89,7 @@ class DotData:
     focus : Focus distances of all photographs.
     first_order : At the reference state.
     beam : How wide the beam through a stop is.
+    fall_offs : How the light falls off over the frame, as far as it was photographed.
     """
 
     photographs: tuple[DotPhotograph, ...]
@@ -100,6 +110,7 @@ class DotData:
     focus: FocusRange
     first_order: FirstOrder
     beam: Beam = OF_F_NUMBER
+    fall_offs: tuple[PhotographedFallOff, ...] = ()
 
     @property
     def widths(self) -> Widths:

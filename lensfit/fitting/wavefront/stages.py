@@ -40,6 +40,7 @@ from lensfit.fitting.wavefront.stated import (
     Statements,
     f_number_and_focus_statements,
     f_number_statement,
+    fall_off_weighted,
     stated_equations,
 )
 from lensfit.fitting.wavefront.waves import waves_after_smoothing
@@ -205,10 +206,11 @@ def first_stage(dot_data: DotData, layout: Layout, parameters: np.ndarray) -> St
 
 
 def add_focus_statements(stage: Stage) -> Stage:
-    """The same with stated distances as observations, weighted by how well they agree
-    with its defocus."""
+    """The same with stated distances as observations; these and fall-off are weighted
+    by how well they agree with what was fitted."""
     defocus_mm = stage.parameters[stage.layout.blocks["defocus"]]
     statements = f_number_and_focus_statements(stage.dot_data, stage.layout, defocus_mm)
+    statements = fall_off_weighted(statements, stage.parameters, stage.layout)
     return replace(stage, statements=statements)
 
 

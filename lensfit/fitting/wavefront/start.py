@@ -209,7 +209,6 @@ def _lit(rims, h):
 def first_parameters(
     dot_data: DotData,
     layout: Layout,
-    fall_off: FallOffFit | None,
     defocus_mm: Float[np.ndarray, " groups"],
 ) -> Float[np.ndarray, " parameters"]:
     """The whole vector: a perfect lens with the measured defocus and clipping, and the
@@ -217,7 +216,8 @@ def first_parameters(
     blocks = layout.blocks
     parameters = np.zeros(layout.size)
     parameters[blocks["defocus"]][: len(defocus_mm)] = defocus_mm
-    radius, shift = first_rims(fall_off, float(dot_data.scale.field_radius_mm))
+    widest = dot_data.fall_offs[0].fit if dot_data.fall_offs else None
+    radius, shift = first_rims(widest, float(dot_data.scale.field_radius_mm))
     parameters[blocks["rim_radius"]] = np.tile([radius, 0.0], layout.rims)
     sides = np.resize([shift, 0.0, -shift, 0.0], 2 * layout.rims)
     parameters[blocks["rim_shift"]] = sides

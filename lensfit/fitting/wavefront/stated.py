@@ -12,11 +12,18 @@ the same dots. Two statements separate the two:
   the focal length and the f-number do; a lens whose field curves, or whose focus scale
   is off, shifts all by a common unknown amount.
 
-That there is a photograph is a third: light came through to the corner of the frame, so
-that stop and rims leave an opening there.
+How light falls off over the frame is a third: the area of the opening in direction
+cosines is the relative illumination, whatever the lens (`optics.pupil`). Without it the
+width of the beam off the axis is known no better than the defocus there, and a field
+that curves while focusing draws the same dots as a pupil that narrows. A chart's own
+lighting is the same at every f-number.
 
-All are residuals in units of their own standard deviations. Distances that contradict
-the dots are mistaken, not inaccurate: they lose weight as 1 / (1 + (r / 3)^2), r rms.
+That there is a photograph is a fourth: light came through to the corner of the frame,
+so that stop and rims leave an opening there.
+
+All are residuals in units of their own standard deviations. Distances and fall-off that
+contradict the dots are mistaken, not inaccurate: they lose weight as
+1 / (1 + (r / 3)^2), r rms.
 """
 
 from typing import NamedTuple
@@ -24,11 +31,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.levenberg import Quadratic
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.gather import Beam, DotData
+from lensfit.fitting.wavefront.gather import Beam, DotData, PhotographedFallOff
 from lensfit.fitting.wavefront.parameters import (
     Layout,
     Scale,
@@ -38,7 +45,7 @@ from lensfit.fitting.wavefront.parameters import (
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.optics.paraxial import rim_sine
-from lensfit.optics.pupil import width_along_field
+from lensfit.optics.pupil import relative_illumination, width_along_field
 from lensfit.programs import kept_program
 
 _TOGETHER = 0.5
@@ -51,9 +58,39 @@ _RAYS = 8
 _CUT = 0.01
 """Share of the pupil's radius that a rim may cut on the axis: small, but with a slope
 that a solve can follow."""
+_GREEN, _DARK, _SAME_STOP = 1, 1e-3, 0.97
 _CORNER, _LEAST_OPENING = 1.1, 0.1
 """Field radii to a frame's furthest corner, of a lens shifted against it and at its
 shortest; the opening there in the radii of a stop: a twentieth of its width."""
+
+
+_FALL_OFFS, _FALL_OFF_POINTS = 3, 5
+"""F-numbers whose fall-off counts, and radii for each."""
+_LIGHTING, _LAMBERTIAN = 0.05, 0.1
+"""Standard deviations of a chart's light at the frame's corner against that in the
+middle; and of n where its radiance goes as cos^2n: lamps differ, no panel is ideal."""
+_OUTLINE = 0.01
+"""Of the area of an opening, as a share: its boundaries are no discs."""
+
+
+class FallOffStatement(NamedTuple):
+    """Measured fall-off at some field heights and f-numbers.
+
+    Attributes
+    ----------
+    height : In field radii.
+    stop_radius, stop : As stated, in radii of the widest; and its place among the
+        f-numbers of dots.
+    loss : -ln of the relative illumination.
+    rows : Of the differences from it, so that they are independent and of unit
+        deviation; zero where nothing was measured.
+    """
+
+    height: Float[Array, " points"]
+    stop_radius: Float[Array, " points"]
+    stop: Int[Array, " points"]
+    loss: Float[Array, " points"]
+    rows: Float[Array, "points points"]
 
 
 class Statements(NamedTuple):
@@ -65,18 +102,97 @@ class Statements(NamedTuple):
     rows : Of the differences from it, so that they are independent and of unit
         deviation; zero where nothing was stated.
     stop_radii : Of the widest and the narrowest stop, in radii of the widest.
+    fall_off : Of the frame.
     """
 
     defocus_mm: Float[Array, " groups"]
     rows: Float[Array, "groups groups"]
     stop_radii: Float[Array, "2"]
+    fall_off: FallOffStatement
 
 
 def f_number_statement(dot_data: DotData, layout: Layout) -> Statements:
-    """The f-number alone."""
+    """The f-number, and the fall-off that was measured."""
     nothing = jnp.zeros((layout.groups, layout.groups))
     radii = jnp.asarray([1.0, float(np.min(dot_data.dots.stop_radius))])
-    return Statements(jnp.zeros(layout.groups), nothing, radii)
+    return Statements(
+        jnp.zeros(layout.groups), nothing, radii, _fall_off_statement(dot_data)
+    )
+
+
+def _fall_off_statement(dot_data: DotData) -> FallOffStatement:
+    room = _FALL_OFFS * _FALL_OFF_POINTS
+    height, radius, loss, shape = np.ones((4, room))
+    stop, rows = np.zeros(room, int), np.zeros((room, room))
+    covariance = np.zeros((room, room))
+    known = [
+        one
+        for one in dot_data.fall_offs
+        if one.f_number > _SAME_STOP * dot_data.f_numbers[0]
+    ]
+    # The widest shows what rims cut, the narrowest what they do not.
+    known = [*known[:1], *known[1:][-(_FALL_OFFS - 1) :]]
+    for k, one in enumerate(known):
+        here = slice(k * _FALL_OFF_POINTS, (k + 1) * _FALL_OFF_POINTS)
+        height[here], shape[here], terms = _sampled(one, dot_data)
+        loss[here] = terms @ one.fit.control[_GREEN]
+        covariance[here, here] = terms @ one.fit.covariance[_GREEN] @ terms.T
+        radius[here] = dot_data.f_numbers[0] / one.f_number
+        if one.f_number in dot_data.f_numbers:
+            stop[here] = dot_data.f_numbers.index(one.f_number)
+    used = slice(0, len(known) * _FALL_OFF_POINTS)
+    covariance += np.outer(shape, shape) + _OUTLINE**2 * np.eye(room)
+    rows[used, used] = np.linalg.inv(np.linalg.cholesky(covariance[used, used]))
+    return FallOffStatement(*map(jnp.asarray, (height, radius, stop, loss, rows)))
+
+
+def _sampled(
+    one: PhotographedFallOff, dot_data: DotData
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Heights in field radii, deviation of the chart's light there, and what every
+    control value adds to the loss."""
+    c_mm, scale = one.principal_distance_mm, dot_data.scale
+    per_height_mm = float(scale.field_radius_mm) * c_mm
+    per_height_mm /= float(scale.principal_distance_mm)
+    largest_mm = min(one.fit.valid_radius_mm, _CORNER * per_height_mm)
+    squared = (np.arange(_FALL_OFF_POINTS) + 1) / _FALL_OFF_POINTS
+    radius_mm = np.sqrt(squared) * largest_mm
+    height = radius_mm / per_height_mm
+    oblique = np.log1p((radius_mm / c_mm) ** 2)
+    shape = np.hypot(_LIGHTING * height**2, _LAMBERTIAN * oblique)
+    return height, shape, one.fit.terms_at(radius_mm)
+
+
+def fall_off_weighted(
+    statements: Statements, parameters: Float[np.ndarray, " parameters"], layout: Layout
+) -> Statements:
+    """Fall-off weighted by how well it agrees with what was fitted to dots."""
+    found = statements.fall_off
+    of_pupil = jnp.asarray(parameters)[layout.pupil_parameters]
+    off = np.asarray(_fall_off_residual(of_pupil, found, layout))
+    stated = max(int(np.count_nonzero(np.diag(found.rows))), 1)
+    weight = 1 / (1 + np.sum(off**2) / stated / _CAUCHY_SCALE**2)
+    return statements._replace(
+        fall_off=found._replace(rows=np.sqrt(weight) * found.rows)
+    )
+
+
+def _fall_off_residual(
+    pupil_parameters: Array, statement: FallOffStatement, layout: Layout
+) -> Array:
+    pupil = pupil_of(pupil_parameters, layout, jnp.zeros(()))
+    ratios = pupil_parameters[pupil_parameters.shape[0] - layout.stops :]
+    radius = statement.stop_radius * jnp.exp(
+        jnp.concatenate([jnp.zeros(1), ratios])[statement.stop]
+    )
+
+    def loss(height: Array, radius: Array) -> Array:
+        here = jnp.stack([height, jnp.zeros_like(height)])
+        lit = relative_illumination(here, radius, pupil)
+        return -jnp.log(jnp.maximum(lit, _DARK))
+
+    found = jax.vmap(loss)(statement.height, radius)
+    return statement.rows @ (found - statement.loss)
 
 
 def f_number_and_focus_statements(
@@ -122,7 +238,18 @@ def stated_equations(
         closed = jnp.minimum(left / radii - _LEAST_OPENING, 0.0) / _CUT
         return jnp.concatenate([off, cut, closed])
 
+    def of_fall_off(pupil_parameters: Array) -> Array:
+        return _fall_off_residual(pupil_parameters, statements.fall_off, layout)
+
     left, slopes = residual(parameters), jax.jacfwd(residual)(parameters)
+    here = layout.pupil_parameters
+    lit, by_pupil = (
+        of_fall_off(parameters[here]),
+        jax.jacfwd(of_fall_off)(parameters[here]),
+    )
+    left = jnp.concatenate([left, lit])
+    of_lit = jnp.zeros((len(lit), len(parameters))).at[:, here].set(by_pupil)
+    slopes = jnp.concatenate([slopes, of_lit])
     return Quadratic(slopes.T @ slopes, slopes.T @ left, left @ left)
 
 

@@ -35,6 +35,7 @@ _REMOVAL_ORDER = (
     "axial_colour_curved",
     "colour_of_third_order",
     "change_with_focus",
+    "cylinders_change_with_focus",
     "exit_pupil",
     "pupil_squeeze",
     "decentred_elements",

@@ -34,9 +34,8 @@ _FOCUS_CHANGE_UM = 2.0
 """Of third order, from the reference to the farthest photographed focus distance. A
 lens that moves as a whole has none; where elements move against each other, photographs
 show tens of micrometres whatever the prior. A chart at one distance barely tells a
-field that curves with focus from a pupil that narrows towards the corner; only the
-second is usual. A wide prior made a telephoto lens' blur of farther objects a tenth too
-wide."""
+field that curves with focus from a pupil that narrows towards the corner (fall-off
+does: `stated`); a wide prior made blur of farther objects a tenth too wide."""
 _PUPIL_COMA = 0.05
 """Shift of the stop per field radius; traced lenses have a few hundredths."""
 SEIDEL = frozenset({"defocus", "third_order", "rims", "blades"})
@@ -88,8 +87,7 @@ def candidate_term_groups(
         width = _range(blocks["band_width"])
         found.append(_term_group("band_width", width, _BAND_WIDTH, FINE))
     if layout.focus_terms and np.any(dot_data.dots.focus):
-        change = _range(blocks["focus_change"])
-        found.append(_term_group("change_with_focus", change, _FOCUS_CHANGE_UM, FINE))
+        found += _focus_change_groups(layout)
     found += _pupil_groups(dot_data, layout, defocus_mm)
     asymmetric = [
         i
@@ -126,8 +124,20 @@ def indices_of(term_groups: tuple[TermGroup, ...]) -> Int[np.ndarray, " paramete
 
 
 def terms_that_change_with_focus(terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    """Third order of a centred lens."""
-    return tuple(t for t in terms if t.order == _LOWEST and _even(t))
+    """Third order of a centred lens, then what cylinders add to it."""
+    lowest = [t for t in terms if t.order == _LOWEST]
+    return (*filter(_even, lowest), *filter(_is_of_cylinders, lowest))
+
+
+def _focus_change_groups(layout: Layout) -> list[TermGroup]:
+    first = layout.blocks["focus_change"].start
+    centred = [first + k for k, t in enumerate(layout.focus_terms) if _even(t)]
+    rest = [k for k in _range(layout.blocks["focus_change"]) if k not in centred]
+    found = [_term_group("change_with_focus", centred, _FOCUS_CHANGE_UM, FINE)]
+    if rest:
+        name = "cylinders_change_with_focus"
+        found.append(_term_group(name, rest, _FOCUS_CHANGE_UM, FINE))
+    return found
 
 
 def _order_groups(dot_data: DotData, layout: Layout) -> list[TermGroup]:
@@ -153,7 +163,7 @@ def _cylinder_groups(
     found = [TermGroup("beyond", _ints(beyond), tuple(_BEYOND * spread), COARSE, False)]
     kinds: dict[str, list[int]] = {}
     for i, term in enumerate(layout.terms):
-        if term in two_mirror_terms(term.order) and term not in _GAUGE:
+        if _is_of_cylinders(term):
             kinds.setdefault(_cylinder_name(term), []).append(i)
     for name, which in kinds.items():
         order = layout.terms[which[0]].order
@@ -168,6 +178,10 @@ def _cylinder_name(term: Term) -> str:
     if term.order == _LOWEST:
         return "cylinders_third_order"
     return f"cylinders_fifth_{_CYLINDER_KINDS.get(term.degree, 'spherical')}"
+
+
+def _is_of_cylinders(term: Term) -> bool:
+    return term in two_mirror_terms(term.order) and term not in _GAUGE
 
 
 def _even(term: Term) -> bool:

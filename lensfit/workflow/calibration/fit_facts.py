@@ -83,6 +83,7 @@ _UNITS = {
     "colour_of_third_order_curved": "um",
     "decentred_elements": "um",
     "change_with_focus": "um",
+    "cylinders_change_with_focus": "um",
 }
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, REFERENCE_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.gather import Beam
+from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.wavefront.gather import Beam, PhotographedFallOff
 from lensfit.fitting.wavefront.parameters import aberration_of
 from lensfit.fitting.wavefront.stages import (
     add_focus_statements,
@@ -21,6 +22,7 @@ from lensfit.fitting.wavefront.stated import (
     Statements,
     f_number_and_focus_statements,
     f_number_statement,
+    fall_off_weighted,
     stated_beam,
     stated_equations,
 )
@@ -135,6 +137,80 @@ def test_rims_that_shut_a_corner_contradict_its_photograph(dot_data):
     assert float(open_still.chi_squared) == 0.0
     assert 0.0 < float(nearly_shut.chi_squared) < float(shut.chi_squared)
     assert np.asarray(shut.gradient)[LAYOUT.blocks["rim_shift"]][0] > 0.0
+
+
+STRETCH = LAYOUT.blocks["stretch"]
+CORNER_MM, TERMS = 14.0, 4
+
+
+def lens_of_stretch(along: float) -> np.ndarray:
+    """Its opening grows towards the corner by so much along the field direction."""
+    found = lens_of(np.zeros(3))
+    found[STRETCH] = [along, 0.0, 0.0, 0.0]
+    return found
+
+
+def photographed_loss(dot_data, loss: np.ndarray, f_number: float):
+    """A loss that goes as the squared field height: of every f-number the same."""
+    control = np.linspace(0, 1, TERMS + 1)[1:] * loss
+    covariance = np.tile(1e-8 * np.eye(TERMS), (3, 1, 1))
+    fit = FallOffFit(f_number, np.tile(control, (3, 1)), CORNER_MM, covariance)
+    principal_mm = float(dot_data.scale.principal_distance_mm)
+    return PhotographedFallOff(fit, f_number, principal_mm)
+
+
+def with_losses(dot_data, *losses: float):
+    """Of the widest f-number and of the next."""
+    known = zip(losses, dot_data.f_numbers, strict=False)
+    shown = tuple(photographed_loss(dot_data, loss, f) for loss, f in known)
+    return replace(dot_data, fall_offs=shown)
+
+
+def lit_cost(dot_data, along: float, stated: Statements | None = None) -> float:
+    stated = stated or f_number_statement(dot_data, LAYOUT)
+    parameters = jnp.asarray(lens_of_stretch(along))
+    return float(stated_equations(parameters, stated, LAYOUT).chi_squared)
+
+
+def corner_height(dot_data) -> float:
+    return CORNER_MM / float(dot_data.scale.field_radius_mm)
+
+
+def test_the_opening_is_as_large_as_the_fall_off_says(dot_data):
+    """-ln of its area over that on the axis is the loss."""
+    along = 0.2
+    loss = -along * corner_height(dot_data) ** 2
+    seen = with_losses(dot_data, loss, loss)
+    assert lit_cost(seen, along) < 1e-3
+    assert lit_cost(seen, along + 0.1) > 2.0
+
+
+def test_a_charts_light_is_the_same_at_every_f_number(dot_data):
+    """Uneven by its width it costs one unit; what only one f-number shows costs more
+    by far."""
+    uneven = 0.05 * corner_height(dot_data) ** 2
+    assert 0.3 < lit_cost(with_losses(dot_data, uneven, uneven), 0.0) < 1.2
+    assert lit_cost(with_losses(dot_data, 2 * uneven, 0.0), 0.0) > 10.0
+
+
+def test_without_a_photographed_fall_off_there_is_no_evidence(dot_data):
+    assert lit_cost(dot_data, 0.4) == 0.0
+
+
+def test_a_fall_off_that_dots_contradict_loses_weight(dot_data):
+    seen = with_losses(dot_data, 1.5, 1.5)
+    stated = f_number_statement(seen, LAYOUT)
+    weighted = fall_off_weighted(stated, lens_of_stretch(0.0), LAYOUT)
+    assert lit_cost(seen, 0.0, weighted) < 0.5 * lit_cost(seen, 0.0, stated)
+
+
+def test_the_slope_of_a_fall_off_is_that_of_its_cost(dot_data):
+    seen = with_losses(dot_data, 0.1, 0.05)
+    stated, step = f_number_statement(seen, LAYOUT), 1e-4
+    found = stated_equations(jnp.asarray(lens_of_stretch(0.1)), stated, LAYOUT)
+    rise = lit_cost(seen, 0.1 + step) - lit_cost(seen, 0.1 - step)
+    slope = 2 * float(found.gradient[STRETCH.start])
+    assert slope == pytest.approx(rise / (2 * step), rel=1e-3)
 
 
 def test_a_narrow_opening_far_from_focus_differs_from_a_wide_one_near_to_it(dot_data):
