@@ -240,9 +240,8 @@ def _fall_offs(states: list[LensState]) -> tuple[PhotographedFallOff, ...]:
     """One for every f-number, the widest first."""
     found = {}
     for state in states:
-        principal_mm = float(state.distortion.principal_distance_mm)
         for one in state.fall_off:
             if one.f_number is not None and one.f_number not in found:
-                photographed = PhotographedFallOff(one, one.f_number, principal_mm)
-                found[one.f_number] = photographed
+                c_mm = float(state.distortion.principal_distance_mm)
+                found[one.f_number] = PhotographedFallOff(one, one.f_number, c_mm)
     return tuple(found[f_number] for f_number in sorted(found))

@@ -105,7 +105,7 @@ def test_an_opening_that_diffraction_would_blur_more_is_none():
 
 
 def test_the_first_lens_is_perfect_but_defocused_and_clipped(discs):
-    first = first_parameters(discs, LAYOUT, None, np.array([0.4, -0.2]))
+    first = first_parameters(discs, LAYOUT, np.array([0.4, -0.2]))
     assert not np.any(first[LAYOUT.blocks["coefficients"]])
     np.testing.assert_allclose(first[LAYOUT.blocks["defocus"]], [0.4, -0.2, 0.0])
     assert np.all(first[LAYOUT.blocks["rim_radius"]][::2] > 1)
@@ -146,7 +146,7 @@ def test_the_exit_pupil_starts_where_breathing_tells(discs, name, focal_mm, tole
     magnification, traced = _breathing(name, focal_mm)
     optics = FirstOrder(*map(jnp.asarray, (focal_mm, magnification, 0.0)))
     known = replace(discs, first_order=optics)
-    first = first_parameters(known, LAYOUT, None, np.array([0.4, -0.2]))
+    first = first_parameters(known, LAYOUT, np.array([0.4, -0.2]))
     found, bend = first[LAYOUT.blocks["exit_pupil"]]
     assert found == pytest.approx(np.log(traced), abs=tolerance)
     assert bend == 0
