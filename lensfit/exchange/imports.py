@@ -60,20 +60,20 @@ class Format:
     ----------
     read : Its reader.
     starts : First bytes, one of them, of a file that is no text.
-    first : First characters of a text, any of them; empty if any may be.
+    opens : What a text opens with, one of them, white space aside; empty if anything.
     words : Of which one stands in the text; empty if none need to.
     """
 
     read: Reader
     starts: tuple[bytes, ...] = ()
-    first: str = ""
+    opens: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
 
-    def is_text(self, text: str) -> bool:
+    def holds(self, text: str) -> bool:
         """Whether a text is such a file."""
-        begun = not self.first or text.lstrip()[:1] in tuple(self.first)
+        opened = text.lstrip().startswith(self.opens or "")
         named = not self.words or any(word in text for word in self.words)
-        return not self.starts and begun and named
+        return not self.starts and opened and named
 
 
 FOREIGN_FORMATS: dict[str, Format] = {
@@ -81,32 +81,32 @@ FOREIGN_FORMATS: dict[str, Format] = {
     "usd": Format(_of_one_lens(read_usd_camera), starts=STARTS),
     "mrcal": Format(_of_one_lens(read_mrcal), words=("LENSMODEL_",)),
     "unreal": Format(
-        _of_one_lens(read_unreal), first="{", words=('"cameraParameterTables"',)
-    ),
-    "syntheyes": Format(_of_one_lens(read_syntheyes), first="<", words=("<Lens",)),
-    "lensfun": Format(
-        lambda path, stated, camera: lens_of_lensfun(
-            read_lensfun(path), stated, path, camera
-        ),
-        first="<",
-        words=("<lensdatabase",),
-    ),
-    "opencv": Format(
-        lambda path, stated, _: lens_of_opencv(read_opencv(path), stated, path),
-        words=("camera_matrix", "opencv-matrix", "opencv_storage", "%YAML"),
-    ),
-    "nuke": Format(
-        lambda path, stated, _: lens_of_tde4(read_tde4_nodes(path), stated, path),
-        words=("LD_3DE",),
+        _of_one_lens(read_unreal), opens=("{",), words=('"cameraParameterTables"',)
     ),
     "opentrackio": Format(
         lambda path, stated, _: lens_of_opentrackio(
             read_opentrackio(path), stated, path
         ),
-        first="{[",
+        opens=("{", "["),
+    ),
+    "syntheyes": Format(_of_one_lens(read_syntheyes), opens=("<",), words=("<Lens",)),
+    "lensfun": Format(
+        lambda path, stated, camera: lens_of_lensfun(
+            read_lensfun(path), stated, path, camera
+        ),
+        opens=("<",),
+        words=("<lensdatabase",),
+    ),
+    "nuke": Format(
+        lambda path, stated, _: lens_of_tde4(read_tde4_nodes(path), stated, path),
+        words=("LD_3DE",),
+    ),
+    "opencv": Format(
+        lambda path, stated, _: lens_of_opencv(read_opencv(path), stated, path),
+        words=("camera_matrix", "opencv-matrix", "opencv_storage", "%YAML"),
     ),
 }
-"""What tells a file by less stands further down."""
+"""The first that holds a file is it."""
 
 
 def read_foreign(
@@ -147,7 +147,7 @@ def kind_of(path: Path) -> str:
                 return kind
     text = read_text(path, "exchange file")
     for kind, one in FOREIGN_FORMATS.items():
-        if one.is_text(text):
+        if one.holds(text):
             return kind
     raise ExchangeError(
         "is of no format that is known here",

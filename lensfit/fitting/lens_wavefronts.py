@@ -243,5 +243,5 @@ def _fall_offs(states: list[LensState]) -> tuple[PhotographedFallOff, ...]:
         for one in state.fall_off:
             if one.f_number is not None and one.f_number not in found:
                 c_mm = float(state.distortion.principal_distance_mm)
-                found[one.f_number] = PhotographedFallOff(one, one.f_number, c_mm)
+                found[one.f_number] = PhotographedFallOff(one.f_number, c_mm, one)
     return tuple(found[f_number] for f_number in sorted(found))

@@ -37,8 +37,8 @@ from lensfit.rendering.uv import PlateGeometry
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
-COLUMNS, ROWS = 21, 13
-"""Nodes over the window."""
+COLUMNS, ROWS = 25, 15
+"""Nodes over the window: a ray beside a rim that clips is half a pixel off at most."""
 _TURN_RAD = 2 * np.pi / 3**0.5
 """From ray to ray of the spiral: its multiples, and those of three times it, spread
 evenly, so that each wavelength of a channel fills the pupil by itself."""

@@ -10,7 +10,14 @@ from ideal_lens import HEIGHT, WIDTH, ideal_lens
 import lensfit
 from lensfit.coords import Window
 from lensfit.rendering.circle import Circle
-from lensfit.rendering.ray_field import DepthNodes, disc_field, disc_spiral, lens_field
+from lensfit.rendering.ray_field import (
+    COLUMNS,
+    ROWS,
+    DepthNodes,
+    disc_field,
+    disc_spiral,
+    lens_field,
+)
 from lensfit.rendering.uv import PlateGeometry
 
 PRIME = Path(__file__).parents[2] / "presets" / "prime_50" / "preset.json"
@@ -23,7 +30,7 @@ def prime():
     return lens.at(focal_length_mm=50.0, f_number=2.0, focus_distance_mm=2000.0)
 
 
-def field_of(lens, window=FRAME, depth=DEPTH, rays=48, nodes=(21, 13)):
+def field_of(lens, window=FRAME, depth=DEPTH, rays=48, nodes=(COLUMNS, ROWS)):
     geometry = PlateGeometry.of(lens, window)
     circle = Circle.of(lens, geometry)
     return lens_field(lens, geometry, circle, window, depth, (rays,), nodes)[0]
@@ -56,7 +63,7 @@ def test_every_pixel_gets_all_of_its_light():
 @pytest.mark.parametrize(
     ("frame", "depth", "nodes"),
     [
-        (FRAME, DEPTH, (21, 13)),
+        (FRAME, DEPTH, (COLUMNS, ROWS)),
         # The same blur on a quarter of the pixels.
         (Window.of_size(240, 135), DepthNodes.over(-2.0, 3.0), (11, 7)),
     ],
@@ -71,10 +78,8 @@ def test_between_nodes_rays_are_known_to_a_tenth_of_a_pixel(frame, depth, nodes)
         middle = (middle[:, :, 1:] + middle[:, :, :-1]) / 2
         exact = fine.displacements_px(radius)[:, 1::2, 1::2]
         away = np.abs(middle - exact)
-        # A rim's edge, which the nodes do not resolve, lies in the outermost cells.
         assert np.quantile(away, 0.95) < 0.1
-        assert np.quantile(away, 0.99) < 0.2
-        assert away.max() < 0.6
+        assert away.max() < 0.5
 
 
 def test_between_depths_rays_are_known_to_a_tenth_of_a_pixel():

@@ -47,7 +47,7 @@ BARS = {
     "printed_dots": Bars(0.044, 0.003, 0.058, 0.071, 0.163),
     "checkerboard": Bars(0.017, 0.004, 0.056, 0.175, 0.385),
     "line_grid": Bars(0.025, 0.008, 0.065, 0.075, 0.115),
-    "single_focus": Bars(0.006, 0.005, 0.062, 0.047, 0.094, ("undecided",)),
+    "single_focus": Bars(0.004, 0.005, 0.062, 0.058, 0.094, ("undecided",)),
     "left_out": Bars(0.102, 0.021, 0.030, 0.110, 0.152),
 }
 

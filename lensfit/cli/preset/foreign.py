@@ -22,11 +22,11 @@ class ImportFormat(StrEnum):
     usd = "usd"
     mrcal = "mrcal"
     unreal = "unreal"
+    opentrackio = "opentrackio"
     syntheyes = "syntheyes"
     lensfun = "lensfun"
-    opencv = "opencv"
     nuke = "nuke"
-    opentrackio = "opentrackio"
+    opencv = "opencv"
 
 
 class MapDirection(StrEnum):

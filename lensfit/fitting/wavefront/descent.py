@@ -17,6 +17,7 @@ import numpy as np
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.blades import EARLY_MISFIT_SHARE, fit_blades
 from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, initial_weights
+from lensfit.fitting.wavefront.gather import rows_spread_over_takes, select_dots
 from lensfit.fitting.wavefront.multistart import (
     candidate_at,
     mirrored_candidate,
@@ -30,6 +31,7 @@ from lensfit.fitting.wavefront.stages import (
     set_priors,
     smooth_stage,
     solve_stage,
+    stage_on_dots,
     update_robust_weights,
 )
 from lensfit.fitting.wavefront.term_group_selection import select_term_groups
@@ -54,6 +56,8 @@ _FINE_SMOOTHING = 0.75
 """Half of that again. For a lens photographed wide open alone, a solve straight on full
 pixels ended in a wrong local minimum; with this one in between the misfit was a
 twentieth. Dots of less than a pixel are fitted better without. So both are tried."""
+_DOTS_FOR_SIDE = 6
+"""Of each photograph."""
 _LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
 _LAST_POINTS = Points(image=1536, design=384)
 """Shifting all rays of the pupil together, rims included, barely changes an image. With
@@ -100,10 +104,16 @@ def cost_at_initial_weights(stage: Stage) -> float:
     return chi_squared(recentre_patches(replace(stage, weight=weight), 1))
 
 
-def other_side_cost(fine: Stage) -> float:
-    """Cost of the best lens on the other side of focus, over that of this one."""
-    other = mirrored_candidate(candidate_at(fine))
-    return cost_at_initial_weights(other.stage) / cost_at_initial_weights(fine)
+def other_side_cost(stage: Stage) -> float:
+    """Cost of the best lens on the other side of focus, over that of this one.
+
+    Few dots of each photograph tell the two apart.
+    """
+    rows = rows_spread_over_takes(stage.dot_data, _DOTS_FOR_SIDE)
+    few = stage_on_dots(stage, select_dots(stage.dot_data, rows))
+    few = recentre_patches(few)
+    other = mirrored_candidate(candidate_at(few)).stage
+    return cost_at_initial_weights(other) / cost_at_initial_weights(few)
 
 
 def fit_selected_term_groups(

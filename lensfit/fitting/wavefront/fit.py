@@ -52,7 +52,7 @@ from lensfit.fitting.wavefront.multistart import (
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.stages import (
     Stage,
-    add_focus_statements,
+    add_stated_distances,
     recentre_patches,
     solve_stage,
     stage_on_dots,
@@ -142,8 +142,6 @@ _ALIKE = 1.01
 candidates."""
 _Choice = Callable[..., list[Candidate]]
 """One of the rules of `multistart`."""
-_DOTS_FOR_SIDE = 6
-"""Of each photograph: the two sides of focus are told apart by few."""
 _EXPLAINED = 4.0
 """Cost of a dot and channel, smoothed, up to which no other start is tried: a residual
 of a tenth of the peak on one cell, or of a twentieth on four."""
@@ -163,8 +161,7 @@ class WavefrontFit:
     model_errors : What is added to it, for what was left out and for errors that no
         dot shows.
     undetermined_term_groups : Term groups that the photographs do not determine.
-    sign_known : Whether stated distances or the photographs determine the sign of
-        defocus.
+    side_settled : Whether stated distances or the photographs choose a side of focus.
     other_side_cost : Of the best lens on the other side of focus than was stated, over
         that of this one; NaN where no side was stated.
     misfit : How far the images of dots are from those photographed.
@@ -179,7 +176,7 @@ class WavefrontFit:
     covariance: Float[np.ndarray, "parameters parameters"]
     model_errors: ModelErrors
     undetermined_term_groups: tuple[str, ...]
-    sign_known: bool
+    side_settled: bool
     other_side_cost: float
     misfit: Misfit
     beside: DotData | None = None
@@ -188,6 +185,13 @@ class WavefrontFit:
     def converged(self) -> bool:
         """Whether the last solve met its tolerance."""
         return self.stage.converged
+
+    @property
+    def sign_known(self) -> bool:
+        """Whether the sign of defocus is known: a side of focus was chosen, and neither
+        dots nor statements speak against it."""
+        against = self.mirrored or runs_against_statements(self.stage)
+        return self.side_settled and not against
 
     @property
     def mirrored(self) -> bool:
@@ -275,8 +279,7 @@ def fit_wavefront(
     final = last_fit(stage_with_beam(chosen_fit, beam), term_groups)
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
-    other_side = _other_side_cost(final) if coarse.side_stated else math.nan
-    mirrored = other_side * DECISIVE < 1
+    other_side = other_side_cost(final) if coarse.side_stated else math.nan
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
     return WavefrontFit(
@@ -291,16 +294,10 @@ def fit_wavefront(
         undetermined_term_groups=undetermined_term_groups(
             final, term_groups, covariance
         ),
-        sign_known=settled and not (mirrored or runs_against_statements(final)),
+        side_settled=settled,
         other_side_cost=other_side,
         misfit=misfit,
     )
-
-
-def _other_side_cost(final: Stage) -> float:
-    rows = rows_spread_over_takes(final.dot_data, _DOTS_FOR_SIDE)
-    few = stage_on_dots(final, select_dots(final.dot_data, rows))
-    return other_side_cost(recentre_patches(few))
 
 
 def _fine_dots(
@@ -364,11 +361,11 @@ def _on_pixels(
     """
 
     def on_pixels(stage: Stage) -> Stage:
-        stage = add_focus_statements(stage)
+        stage = add_stated_distances(stage)
         return pixel_fit(stage, _term_groups_at(stage, allowed))
 
     def on_more(stage: Stage) -> Stage:
-        stage = add_focus_statements(stage_on_dots(stage, more))
+        stage = add_stated_distances(stage_on_dots(stage, more))
         return recentre_patches(stage)
 
     def chosen(

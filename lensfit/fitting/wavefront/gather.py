@@ -64,9 +64,9 @@ OF_F_NUMBER = Beam(1.0, 0.0)
 class PhotographedFallOff(NamedTuple):
     """Fall-off at a stated f-number, of a state of this principal distance."""
 
-    fit: FallOffFit
     f_number: float
     principal_distance_mm: float
+    fit: FallOffFit
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +121,11 @@ class DotData:
     def of_one_setting(self) -> bool:
         """Whether all photographs have one f-number and one focus distance."""
         return are_of_one_setting(self.photographs)
+
+    @property
+    def shows_focusing(self) -> bool:
+        """Whether photographs at several focus distances show what focusing changes."""
+        return bool(np.any(self.dots.focus))
 
     @cached_property
     def transfer(self) -> Transfer | None:

@@ -25,7 +25,7 @@ from lensfit.errors import FitError
 from lensfit.fitting.wavefront.parameters import mirror_through_focus
 from lensfit.fitting.wavefront.stages import Stage, chi_squared, solve_stage
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
-from lensfit.fitting.wavefront.stated import f_number_statement
+from lensfit.fitting.wavefront.stated import statements_without_distances
 
 DECISIVE = 1.1
 """Ratio of costs above which the candidate of lower cost is preferred."""
@@ -71,7 +71,7 @@ def mirrored_candidate(one: Candidate) -> Candidate:
         parameters=mirror_through_focus(stage.parameters, stage.layout),
         mean=mirror_through_focus(stage.mean, stage.layout),
         # Stated distances determine the side of focus: here that is in question.
-        statements=f_number_statement(stage.dot_data, stage.layout),
+        statements=statements_without_distances(stage.dot_data, stage.layout),
     )
     return candidate_at(solve_stage(start))
 

@@ -169,6 +169,24 @@ def pupil_of(
     )
 
 
+def fitted_stop_radius(
+    pupil_parameters: Float[Array, " pupil"],
+    layout: Layout,
+    stated_radius: Float[Array, "*stops"],
+    stop: Int[Array, "*stops"],
+) -> Float[Array, "*stops"]:
+    """Radius of a stop as it was set, in radii of the widest.
+
+    Parameters
+    ----------
+    stated_radius : As its f-number says.
+    stop : Its place among the f-numbers, 0 the widest, which is the unit.
+    """
+    ratios = pupil_parameters[pupil_parameters.shape[0] - layout.stops :]
+    all_stops = jnp.concatenate([jnp.zeros(1, pupil_parameters.dtype), ratios])
+    return stated_radius * jnp.exp(all_stops[stop])
+
+
 def mirror_through_focus(
     parameters: Float[np.ndarray, " parameters"], layout: Layout
 ) -> Float[np.ndarray, " parameters"]:

@@ -24,7 +24,13 @@ from jaxtyping import Array, Float
 
 from lensfit.fitting.wavefront.dot_aperture import ray_origins_mm
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
+from lensfit.fitting.wavefront.parameters import (
+    Layout,
+    Scale,
+    aberration_of,
+    fitted_stop_radius,
+    pupil_of,
+)
 from lensfit.fitting.wavefront.shapes import (
     Colour,
     band_width_shape_mm,
@@ -229,12 +235,9 @@ def pupil_at_dot(
     pupil_parameters: Array, dot: Dots, layout: Layout, scale: Scale
 ) -> tuple[Array, Array, Pupil]:
     """Field point in field radii, radius of the stop as set, and the pupil."""
-    ratios = pupil_parameters[pupil_parameters.shape[0] - layout.stops :]
-    all_stops = jnp.concatenate([jnp.zeros(1, pupil_parameters.dtype), ratios])
-    radius = dot.stop_radius * jnp.exp(all_stops[dot.stop])
     return (
         field_point(dot, scale),
-        radius,
+        fitted_stop_radius(pupil_parameters, layout, dot.stop_radius, dot.stop),
         pupil_of(pupil_parameters, layout, dot.blades),
     )
 

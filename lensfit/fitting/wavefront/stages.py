@@ -38,10 +38,9 @@ from lensfit.fitting.wavefront.normal import (
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.stated import (
     Statements,
-    f_number_and_focus_statements,
-    f_number_statement,
-    fall_off_weighted,
     stated_equations,
+    statements_with_distances,
+    statements_without_distances,
 )
 from lensfit.fitting.wavefront.waves import waves_after_smoothing
 from lensfit.programs import kept_program
@@ -201,16 +200,16 @@ def first_stage(dot_data: DotData, layout: Layout, parameters: np.ndarray) -> St
         deviation=np.zeros(layout.size),
         corner_mm=-dot_data.observed_mm,
         weight=initial_weights(dot_data, COARSE_SHARE),
-        statements=f_number_statement(dot_data, layout),
+        statements=statements_without_distances(dot_data, layout),
     )
 
 
-def add_focus_statements(stage: Stage) -> Stage:
+def add_stated_distances(stage: Stage) -> Stage:
     """The same with stated distances as observations; these and fall-off are weighted
     by how well they agree with what was fitted."""
-    defocus_mm = stage.parameters[stage.layout.blocks["defocus"]]
-    statements = f_number_and_focus_statements(stage.dot_data, stage.layout, defocus_mm)
-    statements = fall_off_weighted(statements, stage.parameters, stage.layout)
+    statements = statements_with_distances(
+        stage.dot_data, stage.layout, stage.parameters
+    )
     return replace(stage, statements=statements)
 
 

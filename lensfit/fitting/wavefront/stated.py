@@ -15,8 +15,9 @@ the same dots. Two statements separate the two:
 How light falls off over the frame is a third: the area of the opening in direction
 cosines is the relative illumination, whatever the lens (`optics.pupil`). Without it the
 width of the beam off the axis is known no better than the defocus there, and a field
-that curves while focusing draws the same dots as a pupil that narrows. A chart's own
-lighting is the same at every f-number.
+that curves while focusing draws the same dots as a pupil that narrows. So it counts
+where several focus distances were photographed. A chart's own lighting is the same at
+every f-number.
 
 That there is a photograph is a fourth: light came through to the corner of the frame,
 so that stop and rims leave an opening there.
@@ -26,6 +27,7 @@ contradict the dots are mistaken, not inaccurate: they lose weight as
 1 / (1 + (r / 3)^2), r rms.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -35,17 +37,23 @@ from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.levenberg import Quadratic
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.gather import Beam, DotData, PhotographedFallOff
+from lensfit.fitting.wavefront.gather import (
+    WIDE_OPEN,
+    Beam,
+    DotData,
+    PhotographedFallOff,
+)
 from lensfit.fitting.wavefront.parameters import (
     Layout,
     Scale,
     aberration_of,
+    fitted_stop_radius,
     pupil_of,
 )
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.optics.paraxial import rim_sine
-from lensfit.optics.pupil import relative_illumination, width_along_field
+from lensfit.optics.pupil import Pupil, relative_illumination, width_along_field
 from lensfit.programs import kept_program
 
 _TOGETHER = 0.5
@@ -58,12 +66,9 @@ _RAYS = 8
 _CUT = 0.01
 """Share of the pupil's radius that a rim may cut on the axis: small, but with a slope
 that a solve can follow."""
-_GREEN, _DARK, _SAME_STOP = 1, 1e-3, 0.97
 _CORNER, _LEAST_OPENING = 1.1, 0.1
 """Field radii to a frame's furthest corner, of a lens shifted against it and at its
 shortest; the opening there in the radii of a stop: a twentieth of its width."""
-
-
 _FALL_OFFS, _FALL_OFF_POINTS = 3, 5
 """F-numbers whose fall-off counts, and radii for each."""
 _LIGHTING, _LAMBERTIAN = 0.05, 0.1
@@ -71,6 +76,9 @@ _LIGHTING, _LAMBERTIAN = 0.05, 0.1
 middle; and of n where its radiance goes as cos^2n: lamps differ, no panel is ideal."""
 _OUTLINE = 0.01
 """Of the area of an opening, as a share: its boundaries are no discs."""
+_GREEN = 1
+_DARK = 1e-3
+"""No opening is taken for darker: what has closed has no logarithm."""
 
 
 class FallOffStatement(NamedTuple):
@@ -79,15 +87,15 @@ class FallOffStatement(NamedTuple):
     Attributes
     ----------
     height : In field radii.
-    stop_radius, stop : As stated, in radii of the widest; and its place among the
-        f-numbers of dots.
+    stated_radius, stop : Radius of the stop as its f-number says, in radii of the
+        widest; and its place among the f-numbers of dots.
     loss : -ln of the relative illumination.
     rows : Of the differences from it, so that they are independent and of unit
         deviation; zero where nothing was measured.
     """
 
     height: Float[Array, " points"]
-    stop_radius: Float[Array, " points"]
+    stated_radius: Float[Array, " points"]
     stop: Int[Array, " points"]
     loss: Float[Array, " points"]
     rows: Float[Array, "points points"]
@@ -102,7 +110,7 @@ class Statements(NamedTuple):
     rows : Of the differences from it, so that they are independent and of unit
         deviation; zero where nothing was stated.
     stop_radii : Of the widest and the narrowest stop, in radii of the widest.
-    fall_off : Of the frame.
+    fall_off : Over the frame.
     """
 
     defocus_mm: Float[Array, " groups"]
@@ -111,37 +119,34 @@ class Statements(NamedTuple):
     fall_off: FallOffStatement
 
 
-def f_number_statement(dot_data: DotData, layout: Layout) -> Statements:
+def statements_without_distances(dot_data: DotData, layout: Layout) -> Statements:
     """The f-number, and the fall-off that was measured."""
     nothing = jnp.zeros((layout.groups, layout.groups))
     radii = jnp.asarray([1.0, float(np.min(dot_data.dots.stop_radius))])
-    return Statements(
-        jnp.zeros(layout.groups), nothing, radii, _fall_off_statement(dot_data)
-    )
+    fall_off = _fall_off_statement(dot_data)
+    return Statements(jnp.zeros(layout.groups), nothing, radii, fall_off)
 
 
 def _fall_off_statement(dot_data: DotData) -> FallOffStatement:
     room = _FALL_OFFS * _FALL_OFF_POINTS
-    height, radius, loss, shape = np.ones((4, room))
-    stop, rows = np.zeros(room, int), np.zeros((room, room))
-    covariance = np.zeros((room, room))
-    known = [
-        one
-        for one in dot_data.fall_offs
-        if one.f_number > _SAME_STOP * dot_data.f_numbers[0]
-    ]
+    height, radius, loss, light = np.ones((4, room))
+    stop, (covariance, rows) = np.zeros(room, int), np.zeros((2, room, room))
+    widest = dot_data.f_numbers[0]
+    shown = dot_data.fall_offs if dot_data.shows_focusing else ()
+    # Of a wider stop than any dots were photographed at nothing is modelled.
+    known = [one for one in shown if one.f_number * WIDE_OPEN > widest]
     # The widest shows what rims cut, the narrowest what they do not.
     known = [*known[:1], *known[1:][-(_FALL_OFFS - 1) :]]
     for k, one in enumerate(known):
         here = slice(k * _FALL_OFF_POINTS, (k + 1) * _FALL_OFF_POINTS)
-        height[here], shape[here], terms = _sampled(one, dot_data)
+        height[here], light[here], terms = _sampled(one, dot_data)
         loss[here] = terms @ one.fit.control[_GREEN]
         covariance[here, here] = terms @ one.fit.covariance[_GREEN] @ terms.T
-        radius[here] = dot_data.f_numbers[0] / one.f_number
+        radius[here] = widest / one.f_number
         if one.f_number in dot_data.f_numbers:
             stop[here] = dot_data.f_numbers.index(one.f_number)
     used = slice(0, len(known) * _FALL_OFF_POINTS)
-    covariance += np.outer(shape, shape) + _OUTLINE**2 * np.eye(room)
+    covariance += np.outer(light, light) + _OUTLINE**2 * np.eye(room)
     rows[used, used] = np.linalg.inv(np.linalg.cholesky(covariance[used, used]))
     return FallOffStatement(*map(jnp.asarray, (height, radius, stop, loss, rows)))
 
@@ -159,31 +164,15 @@ def _sampled(
     radius_mm = np.sqrt(squared) * largest_mm
     height = radius_mm / per_height_mm
     oblique = np.log1p((radius_mm / c_mm) ** 2)
-    shape = np.hypot(_LIGHTING * height**2, _LAMBERTIAN * oblique)
-    return height, shape, one.fit.terms_at(radius_mm)
-
-
-def fall_off_weighted(
-    statements: Statements, parameters: Float[np.ndarray, " parameters"], layout: Layout
-) -> Statements:
-    """Fall-off weighted by how well it agrees with what was fitted to dots."""
-    found = statements.fall_off
-    of_pupil = jnp.asarray(parameters)[layout.pupil_parameters]
-    off = np.asarray(_fall_off_residual(of_pupil, found, layout))
-    stated = max(int(np.count_nonzero(np.diag(found.rows))), 1)
-    weight = 1 / (1 + np.sum(off**2) / stated / _CAUCHY_SCALE**2)
-    return statements._replace(
-        fall_off=found._replace(rows=np.sqrt(weight) * found.rows)
-    )
+    light = np.hypot(_LIGHTING * height**2, _LAMBERTIAN * oblique)
+    return height, light, one.fit.terms_at(radius_mm)
 
 
 def _fall_off_residual(
-    pupil_parameters: Array, statement: FallOffStatement, layout: Layout
+    pupil: Pupil, pupil_parameters: Array, statement: FallOffStatement, layout: Layout
 ) -> Array:
-    pupil = pupil_of(pupil_parameters, layout, jnp.zeros(()))
-    ratios = pupil_parameters[pupil_parameters.shape[0] - layout.stops :]
-    radius = statement.stop_radius * jnp.exp(
-        jnp.concatenate([jnp.zeros(1), ratios])[statement.stop]
+    radius = fitted_stop_radius(
+        pupil_parameters, layout, statement.stated_radius, statement.stop
     )
 
     def loss(height: Array, radius: Array) -> Array:
@@ -195,12 +184,15 @@ def _fall_off_residual(
     return statement.rows @ (found - statement.loss)
 
 
-def f_number_and_focus_statements(
-    dot_data: DotData, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
+def statements_with_distances(
+    dot_data: DotData, layout: Layout, parameters: Float[np.ndarray, " parameters"]
 ) -> Statements:
-    """The f-number, and distances weighted by how well they agree with a defocus that
-    was fitted to dots."""
-    found = f_number_statement(dot_data, layout)
+    """Distances too; these and fall-off weighted by how well they agree with what was
+    fitted to dots."""
+    found = statements_without_distances(dot_data, layout)
+    found = found._replace(
+        fall_off=_weighted_fall_off(found.fall_off, parameters, layout)
+    )
     stated_mm = stated_defocus_mm(dot_data)
     known = np.flatnonzero(np.isfinite(stated_mm))
     if not len(known):
@@ -213,13 +205,29 @@ def f_number_and_focus_statements(
         + (_TOGETHER * np.abs(known_mm).max()) ** 2
     )
     rows = np.linalg.inv(np.linalg.cholesky(covariance))
-    off = rows @ (defocus_mm[known] - known_mm)
-    weight = 1 / (1 + np.mean(off**2) / _CAUCHY_SCALE**2)
+    off = rows @ (parameters[layout.blocks["defocus"]][known] - known_mm)
     every = np.zeros((layout.groups, layout.groups))
-    every[np.ix_(known, known)] = np.sqrt(weight) * rows
+    every[np.ix_(known, known)] = np.sqrt(_cauchy_weight(np.mean(off**2))) * rows
     every_mm = np.zeros(layout.groups)
     every_mm[known] = known_mm
     return found._replace(defocus_mm=jnp.asarray(every_mm), rows=jnp.asarray(every))
+
+
+def _weighted_fall_off(
+    statement: FallOffStatement,
+    parameters: Float[np.ndarray, " parameters"],
+    layout: Layout,
+) -> FallOffStatement:
+    of_pupil = jnp.asarray(parameters)[layout.pupil_parameters]
+    pupil = pupil_of(of_pupil, layout, jnp.zeros(()))
+    off = np.asarray(_fall_off_residual(pupil, of_pupil, statement, layout))
+    stated = max(int(np.count_nonzero(np.diag(statement.rows))), 1)
+    weight = _cauchy_weight(np.sum(off**2) / stated)
+    return statement._replace(rows=np.sqrt(weight) * statement.rows)
+
+
+def _cauchy_weight(mean_square: float) -> float:
+    return 1 / (1 + mean_square / _CAUCHY_SCALE**2)
 
 
 def stated_equations(
@@ -227,30 +235,29 @@ def stated_equations(
 ) -> Quadratic:
     """Of all statements, at these parameters."""
 
-    def residual(parameters: Array) -> Array:
-        part = {name: parameters[where] for name, where in layout.blocks.items()}
-        off = statements.rows @ (part["defocus"] - statements.defocus_mm)
-        cut = jnp.minimum(part["rim_radius"][::2] - 1, 0.0) / _CUT
-        pupil = pupil_of(parameters[layout.pupil_parameters], layout, jnp.zeros(()))
+    def of_defocus(defocus_mm: Array) -> Array:
+        return statements.rows @ (defocus_mm - statements.defocus_mm)
+
+    def of_pupil(pupil_parameters: Array) -> Array:
+        pupil = pupil_of(pupil_parameters, layout, jnp.zeros(()))
+        cut = jnp.minimum(pupil.rim_radius[:, 0] - 1, 0.0) / _CUT
         corner = jnp.array([_CORNER, 0.0])
         radii = statements.stop_radii
         left = jax.vmap(width_along_field, (None, 0, None))(corner, radii, pupil)
         closed = jnp.minimum(left / radii - _LEAST_OPENING, 0.0) / _CUT
-        return jnp.concatenate([off, cut, closed])
+        lit = _fall_off_residual(pupil, pupil_parameters, statements.fall_off, layout)
+        return jnp.concatenate([cut, closed, lit])
 
-    def of_fall_off(pupil_parameters: Array) -> Array:
-        return _fall_off_residual(pupil_parameters, statements.fall_off, layout)
+    def equations(residual: Callable[[Array], Array], where: slice) -> Quadratic:
+        off, own = residual(parameters[where]), jax.jacfwd(residual)(parameters[where])
+        slopes = jnp.zeros((len(off), layout.size)).at[:, where].set(own)
+        return Quadratic(slopes.T @ slopes, slopes.T @ off, off @ off)
 
-    left, slopes = residual(parameters), jax.jacfwd(residual)(parameters)
-    here = layout.pupil_parameters
-    lit, by_pupil = (
-        of_fall_off(parameters[here]),
-        jax.jacfwd(of_fall_off)(parameters[here]),
+    return jax.tree.map(
+        jnp.add,
+        equations(of_defocus, layout.blocks["defocus"]),
+        equations(of_pupil, layout.pupil_parameters),
     )
-    left = jnp.concatenate([left, lit])
-    of_lit = jnp.zeros((len(lit), len(parameters))).at[:, here].set(by_pupil)
-    slopes = jnp.concatenate([slopes, of_lit])
-    return Quadratic(slopes.T @ slopes, slopes.T @ left, left @ left)
 
 
 def stated_beam(

@@ -86,7 +86,7 @@ def candidate_term_groups(
         found += colour_term_groups(layout)
         width = _range(blocks["band_width"])
         found.append(_term_group("band_width", width, _BAND_WIDTH, FINE))
-    if layout.focus_terms and np.any(dot_data.dots.focus):
+    if layout.focus_terms and dot_data.shows_focusing:
         found += _focus_change_groups(layout)
     found += _pupil_groups(dot_data, layout, defocus_mm)
     asymmetric = [

@@ -149,10 +149,8 @@ def test_a_process_of_its_own_that_fails_is_one_line(tmp_path):
 @pytest.mark.slow
 def test_import_compilation_first_run_and_steady_state_are_told_apart(data_dir):
     rows = {row.what: row.value for row in start_rows("render", data_dir / "plates")}
-    kinds = ["import", "first run of a process", "steady state"]
+    kinds = ["import", "compilation", "first run of a process", "steady state"]
     assert all(rows[f"{kind}, s"] > 0 for kind in kinds)
-    # The difference of two runs: on a busy machine of any sign.
-    assert np.isfinite(rows["compilation, s"])
 
 
 def test_the_import_that_is_timed_is_one_that_a_user_pays(tmp_path):

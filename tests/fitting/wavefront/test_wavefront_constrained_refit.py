@@ -98,7 +98,7 @@ def wavefront(true_fit):
         covariance=covariance,
         model_errors=ModelErrors(*np.zeros((2, *covariance.shape))),
         undetermined_term_groups=(),
-        sign_known=True,
+        side_settled=True,
         other_side_cost=2.0,
         misfit=misfit_of(true_fit, term_groups),
     )

@@ -11,7 +11,7 @@ from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.wavefront.gather import Beam, PhotographedFallOff
 from lensfit.fitting.wavefront.parameters import aberration_of
 from lensfit.fitting.wavefront.stages import (
-    add_focus_statements,
+    add_stated_distances,
     first_stage,
     set_priors,
     solve_stage,
@@ -20,11 +20,10 @@ from lensfit.fitting.wavefront.stages import (
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 from lensfit.fitting.wavefront.stated import (
     Statements,
-    f_number_and_focus_statements,
-    f_number_statement,
-    fall_off_weighted,
     stated_beam,
     stated_equations,
+    statements_with_distances,
+    statements_without_distances,
 )
 from lensfit.fitting.wavefront.term_groups import (
     FINE,
@@ -58,7 +57,7 @@ def lens_of(defocus_mm: np.ndarray, rim: float = 3.0) -> np.ndarray:
 def cost(dot_data, defocus_mm, stated: Statements | None = None) -> float:
     if stated is None:
         there = stated_defocus_mm(dot_data)
-        stated = f_number_and_focus_statements(dot_data, LAYOUT, there)
+        stated = statements_with_distances(dot_data, LAYOUT, lens_of(there))
     parameters = jnp.asarray(lens_of(defocus_mm))
     return float(stated_equations(parameters, stated, LAYOUT).chi_squared)
 
@@ -97,8 +96,8 @@ def test_the_width_of_a_distance_is_that_of_a_tape_measure(dot_data):
 def test_distances_that_dots_contradict_lose_weight(dot_data):
     """Near and far swapped: the statement counts for a thirtieth."""
     stated_mm = stated_defocus_mm(dot_data)
-    swapped = f_number_and_focus_statements(dot_data, LAYOUT, stated_mm[::-1].copy())
-    honest = f_number_and_focus_statements(dot_data, LAYOUT, stated_mm)
+    swapped = statements_with_distances(dot_data, LAYOUT, lens_of(stated_mm[::-1]))
+    honest = statements_with_distances(dot_data, LAYOUT, lens_of(stated_mm))
     away = 1.1 * stated_mm
     assert cost(dot_data, away, swapped) < 0.035 * cost(dot_data, away, honest)
 
@@ -109,12 +108,12 @@ def test_where_no_distance_is_stated_there_is_no_evidence(dot_data):
         groups=tuple(g._replace(focus_distance_mm=None) for g in dot_data.groups),
     )
     anywhere = np.array([1.0, 3.0])
-    found = f_number_and_focus_statements(silent, LAYOUT, anywhere)
+    found = statements_with_distances(silent, LAYOUT, lens_of(anywhere))
     assert cost(silent, anywhere, found) == 0.0
 
 
 def test_rims_that_pass_the_axial_beam_cost_nothing(dot_data):
-    stated = f_number_statement(dot_data, LAYOUT)
+    stated = statements_without_distances(dot_data, LAYOUT)
     wide = stated_equations(jnp.asarray(lens_of(np.zeros(3), 1.0)), stated, LAYOUT)
     cut = stated_equations(jnp.asarray(lens_of(np.zeros(3), 0.9)), stated, LAYOUT)
     assert float(wide.chi_squared) == 0.0
@@ -125,7 +124,7 @@ def test_rims_that_pass_the_axial_beam_cost_nothing(dot_data):
 def test_rims_that_shut_a_corner_contradict_its_photograph(dot_data):
     """Two rims that part company: what they leave of the widest and of the narrowest
     stop falls with their shift, and costs from the last twentieth on."""
-    stated = f_number_statement(dot_data, LAYOUT)
+    stated = statements_without_distances(dot_data, LAYOUT)
 
     def found(shift: float):
         lens = lens_of(np.zeros(3), 1.2)
@@ -156,18 +155,19 @@ def photographed_loss(dot_data, loss: np.ndarray, f_number: float):
     covariance = np.tile(1e-8 * np.eye(TERMS), (3, 1, 1))
     fit = FallOffFit(f_number, np.tile(control, (3, 1)), CORNER_MM, covariance)
     principal_mm = float(dot_data.scale.principal_distance_mm)
-    return PhotographedFallOff(fit, f_number, principal_mm)
+    return PhotographedFallOff(f_number, principal_mm, fit)
 
 
 def with_losses(dot_data, *losses: float):
-    """Of the widest f-number and of the next."""
+    """Of the widest f-number and of the next, photographed while focusing."""
     known = zip(losses, dot_data.f_numbers, strict=False)
     shown = tuple(photographed_loss(dot_data, loss, f) for loss, f in known)
-    return replace(dot_data, fall_offs=shown)
+    dots = dot_data.dots._replace(focus=np.where(dot_data.dots.group == 0, 1.0, -1.0))
+    return replace(dot_data, fall_offs=shown, dots=dots)
 
 
 def lit_cost(dot_data, along: float, stated: Statements | None = None) -> float:
-    stated = stated or f_number_statement(dot_data, LAYOUT)
+    stated = stated or statements_without_distances(dot_data, LAYOUT)
     parameters = jnp.asarray(lens_of_stretch(along))
     return float(stated_equations(parameters, stated, LAYOUT).chi_squared)
 
@@ -197,16 +197,25 @@ def test_without_a_photographed_fall_off_there_is_no_evidence(dot_data):
     assert lit_cost(dot_data, 0.4) == 0.0
 
 
+def test_at_one_focus_distance_fall_off_is_no_evidence(dot_data):
+    """Nothing curves while focusing there."""
+    seen = with_losses(dot_data, 0.5, 0.5)
+    still = seen.dots._replace(focus=np.zeros(len(seen.take)))
+    assert lit_cost(seen, 0.0) > 1.0
+    assert lit_cost(replace(seen, dots=still), 0.0) == 0.0
+
+
 def test_a_fall_off_that_dots_contradict_loses_weight(dot_data):
     seen = with_losses(dot_data, 1.5, 1.5)
-    stated = f_number_statement(seen, LAYOUT)
-    weighted = fall_off_weighted(stated, lens_of_stretch(0.0), LAYOUT)
+    stated = statements_without_distances(seen, LAYOUT)
+    weighted = statements_with_distances(seen, LAYOUT, lens_of_stretch(0.0))
+    weighted = weighted._replace(rows=stated.rows)  # without the distances
     assert lit_cost(seen, 0.0, weighted) < 0.5 * lit_cost(seen, 0.0, stated)
 
 
 def test_the_slope_of_a_fall_off_is_that_of_its_cost(dot_data):
     seen = with_losses(dot_data, 0.1, 0.05)
-    stated, step = f_number_statement(seen, LAYOUT), 1e-4
+    stated, step = statements_without_distances(seen, LAYOUT), 1e-4
     found = stated_equations(jnp.asarray(lens_of_stretch(0.1)), stated, LAYOUT)
     rise = lit_cost(seen, 0.1 + step) - lit_cost(seen, 0.1 - step)
     slope = 2 * float(found.gradient[STRETCH.start])
@@ -223,7 +232,7 @@ def test_a_narrow_opening_far_from_focus_differs_from_a_wide_one_near_to_it(dot_
     start = set_priors(start, deviation_of(term_groups, LAYOUT, FINE))
     nothing = start.statements._replace(rows=0.0 * start.statements.rows)
     found = solve_stage(
-        add_focus_statements(replace(start, statements=nothing)), 30, 1e-6
+        add_stated_distances(replace(start, statements=nothing)), 30, 1e-6
     )
     scale = found.parameters[DEFOCUS][:2] / stated_defocus_mm(dot_data)
     np.testing.assert_allclose(scale, 1.0, atol=0.04)
