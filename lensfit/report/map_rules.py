@@ -86,7 +86,7 @@ def sound_findings(report: dict) -> Iterator[Finding]:
             "good",
             "The points reach all of the frame; the map is known to "
             f"{number(max(known), 'px', 2)} (1σ) in its worst corner"
-            f"{_by_what(report)}. Noise and what such models usually miss are in it; "
+            f"{_by_what(report)}. Noise is in it, and errors that no residual shows; "
             "a chart other than stated is not.",
         )
 

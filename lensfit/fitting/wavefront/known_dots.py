@@ -153,18 +153,21 @@ def _object_shifts_and_jacobians(
     board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
 ) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
     """`_object_shift_and_jacobian` of places on the board of one photograph."""
-    adjustment, factor = (
-        photograph.geometry.adjustment,
-        jnp.asarray(_depth_factor(photograph)),
-    )
+    adjustment, index = photograph.geometry.adjustment, photograph.index
+    layout, numbers = adjustment.layout, np.asarray(adjustment.parameters)
+    factor = jnp.asarray(_depth_factor(photograph))
+    # Of this photograph alone: one program serves shoots of any number of them.
+    shared = jnp.asarray(numbers[: layout.shared])
+    local = jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index])
+    view = jax.tree.map(lambda a: jnp.asarray(a[index]), adjustment.stack.view)
     return in_batches(
         lambda some: _object_shift_and_jacobian(
-            jnp.asarray(adjustment.parameters),
-            jnp.asarray(photograph.index),
+            shared,
+            local,
             factor,
             jnp.asarray(some),
-            adjustment.stack.view,
-            adjustment.layout,
+            view,
+            layout,
             adjustment.frame,
             reference.first_order,
             jnp.asarray(reference.distance_mm),
@@ -392,11 +395,11 @@ def _lateral_mm(
 
 @partial(jax.jit, static_argnames=("layout",))
 def _object_shift_and_jacobian(
-    parameters: Array,
-    index: Array,
+    shared: Array,
+    local: Array,
     factor: Array,
     board: Array,
-    views: BoardPose,
+    view: BoardPose,
     layout: GeometryLayout,
     frame: Frame,
     first_order: FirstOrder,
@@ -408,9 +411,6 @@ def _object_shift_and_jacobian(
 
     `factor` corrects depths (`_depth_factor`).
     """
-    shared = parameters[: layout.shared]
-    local = parameters[layout.shared :].reshape(-1, layout.local)[index]
-    view = jax.tree.map(lambda a: a[index], views)
     parts = parts_of(shared, local, layout)
     lens = lens_of(parts, layout, frame)
 
