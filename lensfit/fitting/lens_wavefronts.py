@@ -22,6 +22,12 @@ from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_state import LensState, by_focal_length
 from lensfit.fitting.wavefront.adjusted_wavefront import refit_without_centroid_bias
+from lensfit.fitting.wavefront.dot_data import (
+    PhotographedFallOff,
+    dot_data_of,
+    farthest_point_rows,
+    unfitted_dot_data,
+)
 from lensfit.fitting.wavefront.dot_patches import (
     LARGEST_DOT_APERTURE_CELLS,
     LARGEST_RAY_SAMPLED_CELLS,
@@ -31,12 +37,6 @@ from lensfit.fitting.wavefront.dot_patches import (
 )
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fitting.wavefront.gather import (
-    PhotographedFallOff,
-    farthest_point_rows,
-    gather,
-    gather_beside,
-)
 from lensfit.fitting.wavefront.start import sharp_f_number
 from lensfit.optics.spectrum import bands
 from lensfit.progress import Progress
@@ -110,7 +110,7 @@ def fit_wavefronts(
             )
             if fitted.dot_data.of_one_setting:
                 fitted = refit_without_centroid_bias(fitted)
-            found.fitted[focal_mm] = _with_lines_beside(fitted, photographs, pictured)
+            found.fitted[focal_mm] = _with_unfitted_lines(fitted, photographs, pictured)
         except np.linalg.LinAlgError:
             found.without[focal_mm] = _UNDETERMINED
         except ValueError as error:
@@ -148,14 +148,14 @@ def _usable_lines(
     return lines
 
 
-def _with_lines_beside(
+def _with_unfitted_lines(
     fitted: WavefrontFit, used: list[DotPhotograph], pictured: list[DotPhotograph]
 ) -> WavefrontFit:
     """The fit to some photographs with those of lines, if it was made without."""
     lines = [one for one in pictured if one.take.observations.are_lines]
     if not lines or any(one.take.observations.are_lines for one in used):
         return fitted
-    return replace(fitted, beside=gather_beside(fitted.dot_data, lines, bands(3)))
+    return replace(fitted, unfitted=unfitted_dot_data(fitted.dot_data, lines, bands(3)))
 
 
 def _shows_dots(photograph: DotPhotograph) -> bool:
@@ -184,7 +184,7 @@ def _frame_coverage(view: View) -> Float[np.ndarray, "4"]:
 
 def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
     """The photographs with an assumed f-number that is consistent with their blur."""
-    f_number = round(sharp_f_number(gather(photographs, bands(3))), 1)
+    f_number = round(sharp_f_number(dot_data_of(photographs, bands(3))), 1)
     return [one._replace(f_number=f_number) for one in photographs]
 
 

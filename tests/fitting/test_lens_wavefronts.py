@@ -85,7 +85,7 @@ def fitted_of(takes, wide_cells, monkeypatch):
     monkeypatch.setattr(
         lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: noted(shown, seen)
     )
-    monkeypatch.setattr(lens_wavefronts, "_with_lines_beside", lambda fit, *_: fit)
+    monkeypatch.setattr(lens_wavefronts, "_with_unfitted_lines", lambda fit, *_: fit)
     found = fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
     return found, [one.take.name for one in seen]
 
@@ -153,7 +153,7 @@ def test_an_f_number_that_no_take_states_is_the_unit(stated, used, monkeypatch):
         for name, number in zip("ab", stated, strict=True)
     ]
     seen = []
-    monkeypatch.setattr(lens_wavefronts, "gather", lambda *_: None)
+    monkeypatch.setattr(lens_wavefronts, "dot_data_of", lambda *_: None)
     monkeypatch.setattr(lens_wavefronts, "sharp_f_number", lambda _: 5.6)
     monkeypatch.setattr(lens_wavefronts, "dot_aperture_radius_cells", lambda _: 0.5)
     monkeypatch.setattr(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lensfit.fitting.wavefront.portray import RINGS, SPOKES, Landings
+from lensfit.fitting.wavefront.green_landings import RINGS, SPOKES, Landings
 from lensfit.photograph import Photograph
 from lensfit.workflow.calibration.small_photograph import small_of
 from lensfit.workflow.pictures.chart_drawing import Drawing, modelled_light

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float
 
 from lensfit.coords import mm_from_px
 from lensfit.fitting.chart_view import View
+from lensfit.fitting.wavefront.dot_data import farthest_point_rows
 from lensfit.fitting.wavefront.dot_patches import centroids_mm
-from lensfit.fitting.wavefront.gather import farthest_point_rows
 
 
 class PicturedDots(NamedTuple):

@@ -39,9 +39,9 @@ from lensfit.fitting.wavefront.constrained_refit import (
     bias_cancelling_move,
     refit_with_fixed_biases,
 )
+from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import Stage, recentre_patches
 from lensfit.fitting.wavefront.term_groups import (
@@ -114,7 +114,7 @@ def takes_with_shared_moves(
 
     Parameters
     ----------
-    takes : At chief rays, of all photographs of the fit and then of those beside.
+    takes : At chief rays, of all photographs of the fit and then of those not fitted.
     moves_of : How independent errors of the wavefront move every detected point
         (`centroid_biases`).
     colour_orders : Of the last moves, which are `colour_moves_mm`.
@@ -154,8 +154,10 @@ def _moves_of_marks(
 
 
 def _photographed(found: WavefrontFit) -> list[DotData]:
-    """What the fit was made from, and what stands beside."""
-    return [found.dot_data] if found.beside is None else [found.dot_data, found.beside]
+    """What the fit was made from, and what it was not."""
+    return (
+        [found.dot_data] if found.unfitted is None else [found.dot_data, found.unfitted]
+    )
 
 
 def _of_every_mark(

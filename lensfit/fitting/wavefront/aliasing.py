@@ -16,10 +16,10 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from lensfit.detect.dot_images import DotImages
+from lensfit.fitting.wavefront.dot_data import DotData, select_dots
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph
 from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, initial_weights
-from lensfit.fitting.wavefront.drawn import model_images
-from lensfit.fitting.wavefront.gather import DotData, select_dots
+from lensfit.fitting.wavefront.model_images import model_images
 from lensfit.fitting.wavefront.stages import Stage, first_stage, recentre_patches
 from lensfit.mosaic import photosites_at
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from lensfit.fitting.wavefront.gather import WIDE_OPEN, select_dots
+from lensfit.fitting.wavefront.dot_data import WIDE_OPEN, select_dots
 from lensfit.fitting.wavefront.stages import (
     Stage,
     best_of,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.wavefront.gather import (
+from lensfit.fitting.wavefront.dot_data import (
     DotData,
     rows_spread_over_takes,
     select_dots,

@@ -16,7 +16,7 @@ from lensfit.fitting.wavefront.centroid_biases import (
     centroid_biases_mm,
     sampled_dots,
 )
-from lensfit.fitting.wavefront.gather import DotData
+from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.stages import Stage, chi_squared, recentre_patches
 
 _BIAS_TOLERANCE_PX = 0.001

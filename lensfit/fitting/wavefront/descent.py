@@ -16,8 +16,8 @@ import numpy as np
 
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.blades import EARLY_MISFIT_SHARE, fit_blades
+from lensfit.fitting.wavefront.dot_data import rows_spread_over_takes, select_dots
 from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, initial_weights
-from lensfit.fitting.wavefront.gather import rows_spread_over_takes, select_dots
 from lensfit.fitting.wavefront.multistart import (
     candidate_at,
     mirrored_candidate,

@@ -28,16 +28,16 @@ from lensfit.fitting.wavefront.descent import (
     other_side_cost,
     pixel_fit,
 )
-from lensfit.fitting.wavefront.dot_patches import DotPhotograph, rim_patches
-from lensfit.fitting.wavefront.effort import Effort
-from lensfit.fitting.wavefront.gather import (
+from lensfit.fitting.wavefront.dot_data import (
     DotData,
     PhotographedFallOff,
-    gather,
+    dot_data_of,
     rows_spread_over_takes,
     select_dots,
     widen_beam,
 )
+from lensfit.fitting.wavefront.dot_patches import DotPhotograph, rim_patches
+from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
 from lensfit.fitting.wavefront.multistart import (
     DECISIVE,
@@ -165,8 +165,8 @@ class WavefrontFit:
     other_side_cost : Of the best lens on the other side of focus than was stated, over
         that of this one; NaN where no side was stated.
     misfit : How far the images of dots are from those photographed.
-    beside : Photographs at the same focus distances whose marks were not fitted, as
-        lines are beside dots: where their chief rays land follows from the rest.
+    unfitted : Photographs at the same focus distances that were not fitted, as those of
+        lines where there are dots: where their chief rays land follows from the rest.
     """
 
     dot_data: DotData
@@ -179,7 +179,7 @@ class WavefrontFit:
     side_settled: bool
     other_side_cost: float
     misfit: Misfit
-    beside: DotData | None = None
+    unfitted: DotData | None = None
 
     @property
     def converged(self) -> bool:
@@ -255,7 +255,7 @@ def fit_wavefront(
         all.
     """
     spectrum = spectrum or bands(3)
-    every = replace(gather(photographs, spectrum), fall_offs=fall_offs)
+    every = replace(dot_data_of(photographs, spectrum), fall_offs=fall_offs)
     layout = _layout_of(every)
     few = select_dots(
         every, rows_spread_over_takes(every, effort.coarse_dots(len(photographs)))
@@ -310,7 +310,7 @@ def _fine_dots(
     """
     if every.of_one_setting or all(one.take.rims is None for one in photographs):
         return select_dots(every, rows_spread_over_takes(every, dots))
-    rims = gather(rim_patches(photographs), spectrum)
+    rims = dot_data_of(rim_patches(photographs), spectrum)
     rims = replace(rims, fall_offs=every.fall_offs)
     return select_dots(rims, rows_spread_over_takes(rims, _RIMS_PER_DOT * dots))
 

@@ -28,7 +28,6 @@ from lensfit.fitting.geometry import (
     parts_of,
 )
 from lensfit.fitting.parameters import Layout as GeometryLayout
-from lensfit.fitting.wavefront.beside import neighbour_offsets_mm
 from lensfit.fitting.wavefront.dot_aperture import (
     DotAperture,
     dot_aperture_of,
@@ -43,6 +42,7 @@ from lensfit.fitting.wavefront.dot_patches import (
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots, undrawn
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
 from lensfit.fitting.wavefront.focus_range import FocusRange
+from lensfit.fitting.wavefront.neighbours import neighbour_offsets_mm
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.lateral import ChannelShift, channel_from_green
@@ -63,7 +63,7 @@ class Reference(NamedTuple):
     first_order : The thin lens with these chief rays.
     distance_mm : From the sensor, at which the aberrations hold.
     focus : Focus distances of all photographs.
-    depth_scale : Factor on the depths of the geometry (`gather`).
+    depth_scale : Factor on the depths of the geometry (`dot_data_of`).
     """
 
     principal_distance_mm: float

@@ -56,7 +56,11 @@ def _own_defocus(stage: Stage, mine: Bool[np.ndarray, " dots"]) -> list[int]:
     """Parameters of the defocus that no other dots share."""
     group, blocks = stage.dot_data.dots.group, stage.layout.blocks
     own = np.setdiff1d(group[mine], group[~mine])
-    starts = [blocks[name].start for name in ("defocus", "beyond") if name in blocks]
+    starts = [
+        blocks[name].start
+        for name in ("defocus", "astigmatic_offset")
+        if name in blocks
+    ]
     return [start + int(g) for start in starts for g in own]
 
 

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.dots import are_corners, are_lines
-from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.start import defocus_size_of_variance_mm
 from lensfit.optics.terms import Term

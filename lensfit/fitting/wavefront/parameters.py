@@ -9,7 +9,7 @@ plain numbers. Blocks:
   each other change aberrations, a lens that moves as a whole barely does;
 - `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
   group of takes that share focus and chart distance;
-- `beyond`: astigmatic defocus offset of an anamorphic lens: its defocus along x minus
+- `astigmatic_offset`: of the defocus of an anamorphic lens: its defocus along x minus
   the one at which x and y are sharp at one distance (`optics.sections`), one for each
   group too; other lenses have no such block;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
@@ -69,7 +69,7 @@ class Layout:
             "colour": 2 * len(self.colour_terms),
             "focus_change": len(self.focus_terms),
             "defocus": self.groups,
-            **({"beyond": self.groups} if self.anamorphic else {}),
+            **({"astigmatic_offset": self.groups} if self.anamorphic else {}),
             "exit_pupil": 2,
             "band_width": 1,
             "rim_shift": 2 * self.rims,
@@ -198,7 +198,7 @@ def mirror_through_focus(
     """
     blocks = layout.blocks
     found = parameters.copy()
-    for name in ("defocus", "beyond", "rim_shift", "stop_shift"):
+    for name in ("defocus", "astigmatic_offset", "rim_shift", "stop_shift"):
         if name in blocks:
             found[blocks[name]] *= -1
     found[blocks["coefficients"]] *= _kept_by_mirror(layout.terms)

@@ -258,8 +258,8 @@ def landed_of(
     defocus = parameters[layout.blocks["defocus"]][dot.group]
     cylinder = None
     if dot.sections is not None:
-        beyond = parameters[layout.blocks["beyond"]][dot.group]
-        cylinder = cylinder_mm(defocus, beyond, dot.sections)
+        offset = parameters[layout.blocks["astigmatic_offset"]][dot.group]
+        cylinder = cylinder_mm(defocus, offset, dot.sections)
     return landed_rays(
         u,
         dot.field_mm,

@@ -162,9 +162,9 @@ def state_shapes_mm(
         return jnp.stack([own, *by_exit_pupil])
     none, one = jnp.zeros((), own.dtype), jnp.ones((), own.dtype)
     (a, b), (c, d) = cylinder_mm(none, one, dot.sections)
-    beyond = jnp.stack([a * p_x + b * p_y, c * p_x + d * p_y])
-    own = own + dot.sections.per_defocus * beyond
-    return jnp.stack([own, beyond, *by_exit_pupil])
+    offset = jnp.stack([a * p_x + b * p_y, c * p_x + d * p_y])
+    own = own + dot.sections.per_defocus * offset
+    return jnp.stack([own, offset, *by_exit_pupil])
 
 
 def shape_jacobian(
@@ -185,7 +185,7 @@ def shape_jacobian(
         (blocks["defocus"].start, mine),
     ]
     if layout.anamorphic:
-        placed.append((blocks["beyond"].start, mine))
+        placed.append((blocks["astigmatic_offset"].start, mine))
     rest = layout.size - blocks["exit_pupil"].start
     placed.append((blocks["exit_pupil"].start, jnp.eye(rest, dtype=h.dtype)))
 

@@ -19,13 +19,13 @@ from scipy.ndimage import gaussian_filter
 from lensfit.fitting.cores import cores
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.trial import Statistics
+from lensfit.fitting.wavefront.dot_data import WIDE_OPEN, Beam, DotData, widen_beam
 from lensfit.fitting.wavefront.dot_weights import (
     MODEL_SHARE,
     initial_weights,
     robust_weights,
 )
 from lensfit.fitting.wavefront.dots import Dots, Pixels
-from lensfit.fitting.wavefront.gather import WIDE_OPEN, Beam, DotData, widen_beam
 from lensfit.fitting.wavefront.normal import (
     DEFAULT_POINTS,
     FOLDS,
@@ -241,7 +241,7 @@ def stage_with_beam(stage: Stage, beam: Beam) -> Stage:
     """The same with another beam. Where that is wider it is out of focus by as many
     times less, and draws the same dots."""
     factor = np.ones(stage.layout.size)
-    for name in {"defocus", "beyond"} & stage.layout.blocks.keys():
+    for name in {"defocus", "astigmatic_offset"} & stage.layout.blocks.keys():
         factor[stage.layout.blocks[name]] = stage.dot_data.beam.ratio / beam.ratio
     return replace(
         stage,

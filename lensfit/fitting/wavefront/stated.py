@@ -36,13 +36,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.levenberg import Quadratic
-from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.gather import (
+from lensfit.fitting.wavefront.dot_data import (
     WIDE_OPEN,
     Beam,
     DotData,
     PhotographedFallOff,
 )
+from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.parameters import (
     Layout,
     Scale,

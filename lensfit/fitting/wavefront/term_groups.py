@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
-from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
 
@@ -22,8 +22,8 @@ _LOWEST = 3
 _CYLINDER_KINDS = {2: "astigmatism", 3: "coma"}
 _CYLINDER_UM = 30.0
 _GAUGE = two_mirror_terms(1)
-"""Constant astigmatism: it has the effect of all `beyond` values together."""
-_BEYOND = 0.2
+"""Constant astigmatism: it has the effect of all astigmatic offsets together."""
+_OFFSET = 0.2
 """Prior deviation, per unit of defocus, of the astigmatic defocus offset."""
 _THIRD_ORDER_UM = 100.0
 _ASYMMETRIC_UM = 10.0
@@ -103,7 +103,7 @@ def candidate_term_groups(
     if allowed is None:
         return tuple(found)
     # The astigmatic defocus offset belongs to defocus.
-    names = {*allowed, "beyond"} if "defocus" in allowed else {*allowed}
+    names = {*allowed, "astigmatic_offset"} if "defocus" in allowed else {*allowed}
     return tuple(f for f in found if f.name in names)
 
 
@@ -159,8 +159,9 @@ def _cylinder_groups(
     dot_data: DotData, layout: Layout, spread: Float[np.ndarray, " groups"]
 ) -> list[TermGroup]:
     """Further term groups of an anamorphic lens."""
-    beyond = np.arange(len(spread)) + layout.blocks["beyond"].start
-    found = [TermGroup("beyond", _ints(beyond), tuple(_BEYOND * spread), COARSE, False)]
+    name = "astigmatic_offset"
+    offsets = _ints(np.arange(len(spread)) + layout.blocks[name].start)
+    found = [TermGroup(name, offsets, tuple(_OFFSET * spread), COARSE, False)]
     kinds: dict[str, list[int]] = {}
     for i, term in enumerate(layout.terms):
         if _is_of_cylinders(term):

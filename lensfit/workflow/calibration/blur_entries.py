@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.wavefront.dot_data import DotData, FocusGroup
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import DotData, FocusGroup
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.paraxial import (
@@ -48,7 +48,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     numbers = dot_data.f_numbers
     beyond = None
     if layout.anamorphic:
-        found = parameters[layout.blocks["beyond"]][: len(dot_data.groups)]
+        found = parameters[layout.blocks["astigmatic_offset"]][: len(dot_data.groups)]
         beyond = _of_state(found, state, wavefront)
     return blur_block(
         aberration,

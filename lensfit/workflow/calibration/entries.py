@@ -20,8 +20,8 @@ import numpy as np
 from lensfit.fitting.colour.channel_colour import ChannelColour
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.wavefront.dot_data import widen_beam
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import widen_beam
 from lensfit.fitting.wavefront.stages import stage_with_beam
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset import blocks

@@ -67,7 +67,7 @@ def _besides_common(
 
 _UNITS = {
     "defocus": "mm",
-    "beyond": "mm",
+    "astigmatic_offset": "mm",
     "third_order": "um",
     "cylinders_third_order": "um",
     "cylinders_fifth_astigmatism": "um",

@@ -26,7 +26,7 @@ from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.portray import RINGS, Landings, green_landings
+from lensfit.fitting.wavefront.green_landings import RINGS, Landings, green_landings
 from lensfit.workflow.pictures.chart_shapes import discs
 
 _FINE_RINGS, _BETWEEN = 12, 3

@@ -19,9 +19,9 @@ import numpy as np
 
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
+from lensfit.fitting.wavefront.dot_data import DotData, FocusGroup
 from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
-from lensfit.fitting.wavefront.gather import DotData, FocusGroup
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of

@@ -20,8 +20,8 @@ from lensfit.fitting.wavefront.centroid_biases import (
     linear_detected_point_moves_mm,
 )
 from lensfit.fitting.wavefront.constrained_refit import bias_cancelling_move
+from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.stages import Stage, first_stage, set_priors, solve_stage
 
 LENS = Seidel(0.0, 0.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))

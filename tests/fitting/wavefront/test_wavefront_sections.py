@@ -44,7 +44,7 @@ def parameters() -> np.ndarray:
     found, blocks = np.zeros(TINY.size), TINY.blocks
     found[blocks["coefficients"]] = rng.normal(0, 8.0, len(TERMS))
     found[blocks["defocus"]] = [0.4, -0.3]
-    found[blocks["beyond"]] = [0.1, 0.07]
+    found[blocks["astigmatic_offset"]] = [0.1, 0.07]
     found[blocks["rim_shift"]] = [0.5, 0.05, -0.6, 0.0]
     found[blocks["rim_radius"]] = [1.1, -0.05, 1.2, 0.0]
     found[blocks["iris"]] = [0.1, 0.3, 0.2]
@@ -83,7 +83,9 @@ def test_derivatives_agree_with_differences(place):
             found[..., where], wanted[..., where],
             rtol=0, atol=1e-5 * size + 1e-9, err_msg=name,
         )  # fmt: skip
-    own, other = (found[..., TINY.blocks["beyond"].start + k] for k in (1, 0))
+    own, other = (
+        found[..., TINY.blocks["astigmatic_offset"].start + k] for k in (1, 0)
+    )
     assert np.abs(own).max() > 1e-3
     assert np.abs(other).max() == 0
 
@@ -150,20 +152,22 @@ SHOT = photographed(Seidel(), [Shot(0, 0)], rays=4000)
 
 
 def test_a_spherical_lens_has_none_of_it():
-    assert "beyond" not in LAYOUT.blocks
+    assert "astigmatic_offset" not in LAYOUT.blocks
     names = {f.name for f in candidate_term_groups(SHOT, LAYOUT, np.zeros(1))}
-    assert not {n for n in names if "cylinder" in n or n == "beyond"}
+    assert not {n for n in names if "cylinder" in n or n == "astigmatic_offset"}
 
 
 def test_what_all_groups_say_together_is_said_by_one_of_them_only():
     """Constant astigmatism is the sum of all `beyond`; it stays fixed."""
     dot_data, layout = squeezed(SHOT, TINY)
     term_groups = candidate_term_groups(dot_data, layout, np.zeros(1))
-    assert {"beyond", "cylinders_third_order"} <= {f.name for f in term_groups}
+    assert {"astigmatic_offset", "cylinders_third_order"} <= {
+        f.name for f in term_groups
+    }
     deviation = deviation_of(term_groups, layout, FINE)
     constant = TERMS.index(two_mirror_terms(1)[0])
     assert deviation[layout.blocks["coefficients"]][constant] == 0
-    assert (deviation[layout.blocks["beyond"]] > 0).tolist() == [True, False]
+    assert (deviation[layout.blocks["astigmatic_offset"]] > 0).tolist() == [True, False]
     kept = deviation[layout.blocks["coefficients"]] > 0
     assert kept.sum() == len(TERMS) - 2  # nor the constant of focus
 

@@ -13,7 +13,6 @@ from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.stated_facts import Widths
-from lensfit.fitting.wavefront.beside import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
     are_broad,
@@ -25,6 +24,7 @@ from lensfit.fitting.wavefront.dot_patches import (
 from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.known_dots import Reference, dots_of
+from lensfit.fitting.wavefront.neighbours import own_cells
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
@@ -138,7 +138,7 @@ class DotData:
         return transfers_of(self.dots.broad, self.dots.cell_mm, cells, markers)
 
 
-def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
+def dot_data_of(photographs: list[DotPhotograph], bands: Bands) -> DotData:
     """Arrays of all dots; every take states its f-number."""
     f_numbers = sorted({s.f_number for s in photographs})
     groups = tuple(dict.fromkeys(_group(s) for s in photographs))
@@ -147,10 +147,10 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         for one in photographs
     ]
     known = _reference(photographs)
-    return _gathered(photographs, known, groups, tuple(f_numbers), settings, bands)
+    return _dot_data(photographs, known, groups, tuple(f_numbers), settings, bands)
 
 
-def gather_beside(
+def unfitted_dot_data(
     dot_data: DotData, photographs: list[DotPhotograph], bands: Bands
 ) -> DotData | None:
     """Arrays of photographs at focus distances of others whose wavefront is known.
@@ -176,7 +176,7 @@ def gather_beside(
         return None
     known = _reference(list(dot_data.photographs))
     shared = dot_data.groups, dot_data.f_numbers
-    found = _gathered(kept, known, *shared, settings, bands)
+    found = _dot_data(kept, known, *shared, settings, bands)
     return widen_beam(found, dot_data.beam)
 
 
@@ -187,7 +187,7 @@ def widen_beam(dot_data: DotData, beam: Beam) -> DotData:
     return replace(dot_data, scale=scale._replace(reference_sine=sine), beam=beam)
 
 
-def _gathered(
+def _dot_data(
     photographs: list[DotPhotograph],
     known: Reference,
     groups: tuple[FocusGroup, ...],
