@@ -14,6 +14,7 @@ interrupted run ends without that.
 import errno
 import gc
 import inspect
+import itertools
 import os
 import re
 import signal
@@ -33,7 +34,7 @@ from typer.core import TyperGroup
 from lensfit.errors import LensfitError, sentence_of
 from lensfit.printable import printable
 
-DEBUG = "--debug"
+DEBUG, OUT = "--debug", "--out"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
@@ -49,6 +50,9 @@ class DoorGroup(TyperGroup):
         options = args[: args.index("--")] if "--" in args else args
         if DEBUG in options:
             args = [DEBUG, *(a for a in options if a != DEBUG), *args[len(options) :]]
+        # Else the results would lie in the working folder: a variable that is not set.
+        if f"{OUT}=" in args or (OUT, "") in itertools.pairwise(args):
+            raise typer.BadParameter("is empty; give a folder or file", param_hint=OUT)
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:

@@ -105,3 +105,18 @@ def test_watching_checks_what_arrives_until_interrupted(tmp_path: Path):
         finally:
             run.kill()
     assert run.returncode != 0
+
+
+def test_a_plan_without_its_photographs_fails(shoot: Path, tmp_path: Path):
+    away = tmp_path / "away" / "shoot.toml"
+    away.parent.mkdir()
+    away.write_text(shoot.read_text(encoding="utf-8"), encoding="utf-8")
+    done = runner.invoke(app, ["check", "--shoot", str(away)])
+    assert done.exit_code == 1
+    assert "photographs is there" in done.stderr
+
+
+def test_an_output_without_a_name_is_wrong_usage(shoot: Path):
+    done = runner.invoke(app, ["check", "--shoot", str(shoot), "--out", ""])
+    assert done.exit_code == 2
+    assert "is empty" in done.stderr

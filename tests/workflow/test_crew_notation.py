@@ -127,6 +127,11 @@ def test_a_t_stop_stands_for_the_f_number_and_is_said(tmp_path):
         (('focus_mark = "clsoe"',), "did you mean"),
         (('focus_mark = "mid"', "focus_distance_mm = 900"), "states both"),
         (('group = "wide"',), "no group is named"),
+        (('group = ["wide"]',), "no group is named"),
+        (('focus_mark = ["mid"]',), "no focus mark is named"),
+        (("focal_length = 28",), 'write focal_length = "28 mm"'),
+        (("f_number = 1e-9",), "f_number"),
+        (("anamorphic_squeeze = 1e9",), "anamorphic_squeeze"),
         (("f_numbr = 2",), "f_numbr"),
     ],
 )
@@ -145,6 +150,8 @@ def test_mistakes_name_their_take(tmp_path, lines, words):
         ("[[group]]\nf_number = 2\n", r"\[\[group\]\] 1"),
         ("[focus_marks]\nmid = -3\n", "focus_marks"),
         ("defaults = 3\n", "defaults"),
+        ('[group]\nname = "a"\n', r"write \[\[group\]\], with two brackets"),
+        ('[defaults]\nname = "a"\n', "defaults"),
     ],
 )
 def test_mistakes_of_what_is_shared_name_its_table(tmp_path, head, place):
@@ -153,3 +160,9 @@ def test_mistakes_of_what_is_shared_name_its_table(tmp_path, head, place):
     text = head + lens if head.startswith("defaults =") else lens + head
     with pytest.raises(ShootError, match=place):
         shoot(tmp_path, take(), text)
+
+
+@pytest.mark.parametrize("image", ["  ", "a\\u0000.exr"])
+def test_a_name_that_no_file_has_is_refused(tmp_path, image):
+    with pytest.raises(ShootError, match=r"\[\[take\]\] 1, image: is blank or has"):
+        shoot(tmp_path, take(image=image))

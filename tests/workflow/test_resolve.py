@@ -92,3 +92,9 @@ def test_a_roi_beyond_the_photograph_is_refused():
     with pytest.raises(ShootError, match="beyond the photograph of 2048 x 1536"):
         resolve(keys)
     resolve(keys | {"roi": (0, 0, 2048, 1536)})
+
+
+def test_a_sensor_that_has_no_such_photograph_is_refused():
+    camera = {"sensor_width_mm": 28.0, "sensor_height_mm": 2160.0}
+    with pytest.raises(ShootError, match="28 x 2160 mm has no photographs of 2048"):
+        resolve({"focal_length_mm": 50.0}, camera)

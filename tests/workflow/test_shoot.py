@@ -95,7 +95,11 @@ def test_values_that_the_draft_left_to_check_are_named(write):
             '"37.5"',
             "[[target]] 1: pitch_mm = '37.5' is no length",
         ),
-        ("37.5", "-37.5", "[[target]] 1, pitch_mm: expected a number above 0"),
+        (
+            "37.5",
+            "-37.5",
+            "[[target]] 1, pitch_mm: expected a number of at least 0.001",
+        ),
         (
             "37.5",
             "[37.5]",
@@ -103,7 +107,7 @@ def test_values_that_the_draft_left_to_check_are_named(write):
         ),
         ("37.5", "nan", "[[target]] 1, pitch_mm: nan is no finite number"),
         ("24.89", "inf", "camera.sensor_width_mm: inf is no finite number"),
-        ("1.4\nfo", "0\nfo", "[[take]] 1, f_number: expected a number above 0"),
+        ("1.4\nfo", "0\nfo", "[[take]] 1, f_number: expected a number of at least 0.3"),
         ("1.4\nfo", "true\nfo", "[[take]] 1, f_number: expected a number, got"),
         (
             '"dot-grid"',

@@ -22,9 +22,16 @@ from lensfit.errors import ShootError
 from lensfit.preset.library.versions import slug_of
 from lensfit.workflow.shoot.crew_notation import check_focal_length, length_mm
 from lensfit.workflow.shoot.shoot_file import check_names
-from lensfit.workflow.shoot.shoot_records import Name, PositiveFloat, Target
+from lensfit.workflow.shoot.shoot_records import (
+    FNumber,
+    Name,
+    PositiveFloat,
+    Squeeze,
+    Target,
+)
 
 Count = Annotated[int, Meta(ge=0, le=8)]
+Pixels = Annotated[int, Meta(ge=16, le=100_000)]
 
 
 class KitCamera(Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,7 +48,7 @@ class KitCamera(Struct, frozen=True, forbid_unknown_fields=True):
     sensor_width_mm: PositiveFloat
     sensor_height_mm: PositiveFloat | None = None
     model: str | None = None
-    image_size_px: tuple[int, int] | None = None
+    image_size_px: tuple[Pixels, Pixels] | None = None
     mosaic: str | None = None
 
 
@@ -53,7 +60,7 @@ class Metered(Struct, frozen=True, forbid_unknown_fields=True):
     shutter_s : Exposure time.
     """
 
-    f_number: PositiveFloat
+    f_number: FNumber
     shutter_s: PositiveFloat
     iso: PositiveFloat | None = None
 
@@ -103,7 +110,7 @@ class KitLens(Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Name
     focal_lengths_mm: Annotated[list[PositiveFloat], Meta(min_length=1)]
-    f_numbers: Annotated[list[PositiveFloat], Meta(min_length=1)]
+    f_numbers: Annotated[list[FNumber], Meta(min_length=1)]
     focus_marks: Annotated[list[FocusMark], Meta(min_length=1)]
     serial: str | None = None
     lens_set: str | None = None
@@ -111,7 +118,7 @@ class KitLens(Struct, frozen=True, forbid_unknown_fields=True):
     target: Name | None = None
     target_distance_mm: PositiveFloat | None = None
     tilted_views: Count = 1
-    anamorphic_squeeze: PositiveFloat | None = None
+    anamorphic_squeeze: Squeeze | None = None
     encoding: Name | None = None
     file_format: Name = ".exr"
 

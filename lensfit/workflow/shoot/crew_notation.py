@@ -70,8 +70,8 @@ Tables = dict[str, Any]
 _TAKE_LENGTHS = ("focal_length_mm", "focus_distance_mm", "target_distance_mm")
 _TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
 _CAMERA_LENGTHS = ("sensor_width_mm", "sensor_height_mm")
-_SHARED = (*Take.__struct_fields__[1:], "focus_mark", "t_number", "name")
-"""Keys of a take that many may share, and the name of a group."""
+_SHARED = (*Take.__struct_fields__[1:], "focus_mark", "t_number")
+"""Keys of a take that many may share."""
 
 
 def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
@@ -124,11 +124,13 @@ def _joined(
     name = own.pop("group", None)
     group: Tables = {}
     if name is not None:
-        if name not in groups:
+        if not isinstance(name, str) or name not in groups:
             raise ShootError(
                 f'no group is named "{name}"',
                 where=f"{path}: {place}",
-                remedy=did_you_mean(str(name), list(groups)),
+                remedy=did_you_mean(str(name), list(groups))
+                if groups
+                else 'give it a table, [[group]] with name = "..."',
             )
         group = groups[name]
     target = own.get("target", group.get("target", defaults.get("target")))
@@ -160,11 +162,12 @@ def _with_focus_mark(
             where=f"{path}: {place}",
             remedy="keep one of them",
         )
+    name = str(name)  # the keys of [focus_marks] are text
     if name not in marks:
         raise ShootError(
             f'no focus mark is named "{name}"',
             where=f"{path}: {place}",
-            remedy=did_you_mean(str(name), list(marks))
+            remedy=did_you_mean(name, list(marks))
             if marks
             else "list it under [focus_marks]",
         )
@@ -191,7 +194,11 @@ def _focus_marks(table: Any, path: Path) -> dict[str, float]:
         if isinstance(value, str):
             value = length_mm(value, name, place)
         if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0:
-            raise ShootError(f"{name} = {value!r} is no distance", where=place)
+            raise ShootError(
+                f"{name} = {value} is no distance",
+                where=place,
+                remedy=f'write {name} = "1.5 m" or the number of millimetres',
+            )
         marks[name] = float(value)
     return marks
 
@@ -210,12 +217,21 @@ def _with_lengths(table: Any, keys: tuple[str, ...], place: str, path: Path) -> 
                 raise ShootError(
                     f"{short} = {value!r} names no unit",
                     where=where,
-                    remedy=f'write {short} = "{value} m" or {key} = ...',
+                    remedy=f"write {_with_unit(short, value)} or {key} = ...",
                 )
             plain[key] = value
         if key in plain:
             plain[key] = _lengths_mm(plain[key], key, where)
     return plain
+
+
+def _with_unit(short: str, value: Any) -> str:
+    """How the line should read: distances are in metres, what is on glass, chart or
+    sensor in millimetres."""
+    unit = "m" if short.endswith("_distance") else "mm"
+    each = value if isinstance(value, list) else [value]
+    quoted = ", ".join(f'"{one} {unit}"' for one in each)
+    return f"{short} = [{quoted}]" if isinstance(value, list) else f"{short} = {quoted}"
 
 
 def _is_text(value: Any) -> bool:
@@ -260,10 +276,17 @@ def _table(table: Any, place: str, path: Path) -> Tables:
 
 def _named(groups: Any, key: str, path: Path) -> dict[str, Tables]:
     named: dict[str, Tables] = {}
-    for number, group in enumerate(groups if isinstance(groups, list) else [], 1):
+    if not isinstance(groups, list):
+        raise ShootError(
+            f"[{key}] is one table",
+            where=path,
+            remedy=f"write [[{key}]], with two brackets, once for each",
+        )
+    for number, group in enumerate(groups, 1):
         place = f"[[{key}]] {number}"
+        group = dict(group) if isinstance(group, Mapping) else group
+        name = group.pop("name", None) if isinstance(group, dict) else None
         table = _table(group, place, path)
-        name = table.pop("name", None)
         if not isinstance(name, str) or not name or name in named:
             raise ShootError(
                 "needs a name of its own",

@@ -142,6 +142,7 @@ def shoot_of(
     tables = convert_strictly(
         data, ShootFile, error=ShootError, where=path, place=array_table_place
     )
+    _check_text(tables, path)
     unconfirmed = unconfirmed_fields(text)
     targets = _by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
@@ -155,6 +156,20 @@ def shoot_of(
         images=None if images is None else Path(images),
         unconfirmed=unconfirmed,
     )
+
+
+def _check_text(tables: ShootFile, path: Path) -> None:
+    """Refuse names of nothing that can be seen, or that no file can have."""
+    named = {"lens, name": tables.lens.name}
+    named |= {f"[[target]] {k}, name": t.name for k, t in enumerate(tables.target, 1)}
+    named |= {f"[[take]] {k}, image": t.image for k, t in enumerate(tables.take, 1)}
+    for place, text in named.items():
+        if not text.strip() or any(ord(sign) < 32 for sign in text):
+            raise ShootError(
+                "is blank or has a control character",
+                where=f"{path}: {place}",
+                remedy="write it in letters and digits",
+            )
 
 
 def _text(path: Path) -> str:

@@ -13,9 +13,14 @@ from lensfit.errors import ShootError
 from lensfit.mosaic import Mosaic
 
 PositiveFloat = Annotated[float, Meta(gt=0)]
+FNumber = Annotated[float, Meta(ge=0.3, le=512)]
+"""From the fastest lens that air allows to the smallest stop of a large format."""
+Squeeze = Annotated[float, Meta(ge=0.25, le=4)]
+PitchFloat = Annotated[float, Meta(ge=1e-3, le=1e5)]
+"""From a micrometre, of charts for microscopes, to a hundred metres."""
 # msgspec 0.22 reads memory it should not when a union joins a number with bounds and a
 # tuple of fixed length, so the length is a bound here.
-PositivePair = Annotated[tuple[PositiveFloat, ...], Meta(min_length=2, max_length=2)]
+PitchPair = Annotated[tuple[PitchFloat, ...], Meta(min_length=2, max_length=2)]
 Name = Annotated[str, Meta(min_length=1)]
 MarkCount = Annotated[int, Meta(ge=5, le=255)]
 
@@ -63,7 +68,7 @@ class Target(Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Name
     kind: Literal["dot-grid", "line-grid", "checkerboard", "circle-grid", "charuco"]
-    pitch_mm: PositiveFloat | PositivePair
+    pitch_mm: PitchFloat | PitchPair
     hole_diameter_mm: PositiveFloat | None = None
     line_width_mm: PositiveFloat | None = None
     polarity: Literal["bright", "dark"] | None = None
@@ -100,9 +105,9 @@ class Take(Struct, frozen=True, forbid_unknown_fields=True):
     image: Name
     target: Name | None = None
     focal_length_mm: PositiveFloat | None = None
-    f_number: PositiveFloat | None = None
+    f_number: FNumber | None = None
     focus_distance_mm: PositiveFloat | None = None
-    anamorphic_squeeze: PositiveFloat | None = None
+    anamorphic_squeeze: Squeeze | None = None
     target_distance_mm: PositiveFloat | None = None
     roi: tuple[float, float, float, float] | None = None
     encoding: Name | None = None

@@ -19,6 +19,8 @@ from lensfit.workflow.statements.contradiction import Contradiction
 
 _LEAST_LOG = 0.12
 _ALIKE_LOG = 0.04
+_TILTED_LOG = 0.4
+"""Of a chart at 48 degrees."""
 _MOST_NAMES = 3
 
 
@@ -31,9 +33,12 @@ def aspect_contradictions(takes: Sequence[View]) -> Iterator[Contradiction]:
     for target in dict.fromkeys(take.target for take in takes):
         mine = [take for take in takes if take.target == target]
         found = [one for one in map(log_stretch, mine) if one is not None]
-        if len(found) < 2:
+        if not found:
             continue
         middle = float(np.median(found))
+        # One view may be tilted, though not by so much.
+        if len(found) < 2 and abs(middle) < _TILTED_LOG:
+            continue
         alike = np.mean(np.abs(np.array(found) - middle) < _ALIKE_LOG)
         if abs(middle) > _LEAST_LOG and alike > 0.5:
             yield _stretched(mine, float(np.exp(middle)))
@@ -54,28 +59,36 @@ def log_stretch(take: View) -> float | None:
 
 
 def _sizes(takes: Sequence[View], sizes: Counter) -> Contradiction:
-    (usual, _), *_ = sizes.most_common()
+    (usual, _), *unusual = sizes.most_common()
     others = [take for take in takes if take.observations.image_size_px != usual]
-    size = others[0].observations.image_size_px
-    names = joined([take.name for take in others[:_MOST_NAMES]])
-    more = len(others) - _MOST_NAMES
-    names += f" and {more} more" * (more > 0)
-    verb = "is" if len(others) == 1 else "are"
-    text = f"photographs differ in size: {names} {verb} {size[0]} x {size[1]} px, "
+    each = [_of_size(others, size, usual) for size, _ in unusual]
+    text = f"photographs differ in size: {joined(each)}, "
     text += f"the others {usual[0]} x {usual[1]} px"
-    if size == usual[::-1]:
-        text += ": probably turned by a quarter"
-    else:
-        text += ": scaled, or of another sensor mode"
     return Contradiction(
         kind="photograph_size",
-        limit="undistortion" if size != usual[::-1] else "look",
+        limit="look" if usual[::-1] in sizes else "undistortion",
         text=text,
         remedy="give all photographs as the camera wrote them, in one mode and the "
         "same way up",
         statement="sensor_width_mm",
         images=tuple(take.name for take in others),
     )
+
+
+def _of_size(
+    takes: Sequence[View], size: tuple[int, int], usual: tuple[int, int]
+) -> str:
+    """Which photographs have this size, and what that may come from."""
+    names = [take.name for take in takes if take.observations.image_size_px == size]
+    named = joined(names[:_MOST_NAMES])
+    more = len(names) - _MOST_NAMES
+    named += f" and {more} more" * (more > 0)
+    verb = "is" if len(names) == 1 else "are"
+    if size == usual[::-1]:
+        cause = "probably turned by a quarter"
+    else:
+        cause = "scaled, or of another sensor mode"
+    return f"{named} {verb} {size[0]} x {size[1]} px ({cause})"
 
 
 def _stretched(takes: Sequence[View], stretch: float) -> Contradiction:
@@ -90,6 +103,8 @@ def _stretched(takes: Sequence[View], stretch: float) -> Contradiction:
         statement = "sensor_width_mm"
         text += f"sensor_width_mm = {width_mm:g} and sensor_height_mm = {height_mm:g} "
         text += f"do not go with photographs of {columns} x {rows} px"
+        if abs(np.log(width_mm / height_mm * columns / rows)) < _ALIKE_LOG:
+            text += ", and look swapped"
         remedy = "check sensor_width_mm and sensor_height_mm"
     elif abs(np.log(pitch)) > _LEAST_LOG:
         statement = "pitch_mm"

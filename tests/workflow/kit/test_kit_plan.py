@@ -105,6 +105,7 @@ def test_a_zoom_is_photographed_at_each_focal_length(tmp_path: Path):
         ('serial = "102"', 'folder = "../x"', "leaves the folder of the kit file"),
         ('serial = "102"', 'target = "dots"', 'no target is named "dots"'),
         ("[exposure]", "[exposure", "is not valid TOML"),
+        ("image_size_px = [400, 300]", "image_size_px = [0, 0]", "image_size_px"),
     ],
 )
 def test_what_is_wrong_is_one_line_that_names_it(tmp_path, old: str, new, said: str):

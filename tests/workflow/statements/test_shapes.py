@@ -54,7 +54,10 @@ def test_a_squeeze_that_nobody_stated_is_named_with_its_value(squeeze: float):
 
 def test_sides_of_the_sensor_and_of_the_pitch_are_told_apart():
     swapped = stated_otherwise(right(), sensor_size_mm=lambda t: t.sensor_size_mm[::-1])
-    assert next(aspect_contradictions(swapped)).statement == "sensor_width_mm"
+    for views in (swapped, swapped[:1]):
+        found = next(aspect_contradictions(views))
+        assert found.statement == "sensor_width_mm"
+        assert "look swapped" in found.text
     pitch = stated_otherwise(
         right(), "dots", pitch_mm=lambda t: (t.pitch_mm[0], 1.5 * t.pitch_mm[1])
     )
@@ -69,7 +72,8 @@ def test_views_of_another_size_are_named_before_what_follows_from_them():
     (found,) = contradictions_of_views(mixed)
     assert found.kind == "photograph_size"
     assert found.images == ("small.png",)
-    assert "900 x 675 px, the others 1200 x 900 px" in found.text
+    assert "small.png is 900 x 675 px (scaled" in found.text
+    assert found.text.endswith("the others 1200 x 900 px")
     alike = [scaled(take, 0.75, 0.75) for take in takes]
     assert list(aspect_contradictions(alike)) == []
 
