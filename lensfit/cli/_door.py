@@ -179,6 +179,10 @@ def interruptible() -> Iterator[None]:
         return
     alarm = signal.signal(signal.SIGALRM, _interrupt)
     signal.signal(signal.SIGINT, _interrupt)
+    # Farms end a task with SIGTERM, which would leave half-written files behind.
+    ends = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if ends:
+        signal.signal(signal.SIGTERM, _interrupt)
     try:
         yield
     except SystemExit as end:
@@ -189,6 +193,8 @@ def interruptible() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGALRM, alarm)
+        if ends:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
@@ -199,9 +205,11 @@ def _interrupt(_number: int, frame: FrameType | None) -> None:
 
 
 def _follows_interrupt(error: BaseException | None) -> bool:
-    while error is not None:
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
         if isinstance(error, KeyboardInterrupt):
             return True
+        seen.add(id(error))  # an error may be raised from itself
         error = error.__cause__ or error.__context__
     return False
 

@@ -54,4 +54,4 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
     try:
         return WRITERS[to](request)
     except LensfitError as error:
-        raise unscaled_error(error) from error
+        raise unscaled_error(error) from error.__cause__

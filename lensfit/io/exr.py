@@ -173,14 +173,14 @@ def write_exr(
 
 def unreadable(error: Exception, path: Path) -> ImageError:
     """What to say where the binding refuses a file, whose own words may mislead."""
-    said = " ".join(str(error).split())
+    said, remedy = " ".join(str(error).split()), "render or copy it again"
     if isinstance(error, ZeroDivisionError):
         said = f"an attribute divides by zero: {said}"
     elif "Unable to open" in said or "missing attribute" in said:
         said = "an attribute of its header is missing or malformed"
-    return ImageError(
-        f"cannot be read ({said})", where=path, remedy="render or copy it again"
-    )
+    elif not str(path).isprintable():
+        said, remedy = "its name is not UTF-8", "rename it"
+    return ImageError(f"cannot be read ({said})", where=path, remedy=remedy)
 
 
 def part_without_channels(part: OpenEXR.Part) -> ExrPart:
@@ -269,6 +269,8 @@ def colour_channels(part: ExrPart, layer: str = "") -> tuple[str, ...]:
     for names in _COLOURS:
         if all(name in leaves for name in names):
             return tuple(leaves[name] for name in names)
+    if leaves.keys() & {"X", "x"}:  # of a vector, whose y is no light
+        return ()
     greys = [leaves[name] for name in _GREYS if name in leaves]
     if not greys and len(leaves) == 1 and not leaves.keys() & set(_NEVER_COLOUR):
         greys = list(leaves.values())

@@ -44,6 +44,8 @@ def expand_frames(
     ImageError : No frame exists, some of `frames` are missing (they are listed), or
         the pattern or range is malformed.
     """
+    if frames is None and Path(pattern).is_file():  # whatever signs its name has
+        return [(None, Path(pattern))]
     path, own = split_pattern(pattern)
     frames = own if frames is None else frames
     token = _token_of(path)

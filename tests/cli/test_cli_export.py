@@ -8,6 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.errors import ExchangeError
+from lensfit.exchange import export
 from lensfit.preset.store import load_preset, save_preset
 
 runner = CliRunner()
@@ -113,3 +115,15 @@ def test_failures_are_one_line(
     if code == 1:
         assert result.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_is_not_its_own_cause(monkeypatch, tmp_path: Path):
+    """Whoever follows the causes would go on for ever."""
+
+    def failing(_):
+        raise ExchangeError("no")
+
+    monkeypatch.setitem(export.WRITERS, "stmap", failing)
+    with pytest.raises(ExchangeError) as caught:
+        export.export_preset("stmap", None)
+    assert caught.value.__cause__ is None

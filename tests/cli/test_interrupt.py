@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from lensfit.cli._door import interruptible
+from lensfit.cli._door import _follows_interrupt, interruptible
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "setitimer"), reason="needs a timer"
@@ -130,3 +130,21 @@ main.main()
     )
     assert run.returncode == 1
     assert run.stderr == "lensfit: error: interrupted\n"
+
+
+def test_the_end_of_a_farms_task_is_an_interrupt():
+    def end() -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(HEARD_WITHIN_S)
+
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        end()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_an_error_that_is_its_own_cause_follows_no_interrupt():
+    error = ValueError("again")
+    error.__cause__ = error
+    assert not _follows_interrupt(error)
+    error.__cause__ = KeyboardInterrupt()
+    assert _follows_interrupt(error)

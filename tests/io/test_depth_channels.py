@@ -116,6 +116,9 @@ def test_another_data_window_is_brought_over():
         ([part("rgb", R=1), part("aov", mist=2)], "mist", "mist"),
         ([part("rgb", R=1), part("aov", mist=2)], "aov.mist", "mist"),
         ([part(R=1, G=2)], None, None),
+        ([part(R=1, P__X=1, P__Y=1, P__Z=2, Z=3)], None, "Z"),
+        ([part(R=1, N__X=1, N__Y=1, N__Z=2)], None, None),
+        ([part(R=1, N__X=1, N__Y=1, N__Z=2)], "N.Z", "N.Z"),
     ],
 )
 def test_the_channel_is_found(parts, wanted, name):

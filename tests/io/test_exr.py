@@ -396,13 +396,15 @@ def test_record_refuses_channels_that_do_not_fit():
 def test_layers_and_colours():
     size = (2, 3)
     names = ["R", "G", "B", "A", "depth.Z", "spec.b", "spec.g", "spec.r", "matte.A"]
+    names += ["N.X", "N.Y", "N.Z"]
     channels = {n: np.full(size, i, np.float32) for i, n in enumerate(names)}
     window = Window.of_size(3, 2)
     part = ExrPart(channels, window, window)
-    assert layer_names(part) == ["", "depth", "spec", "matte"]
+    assert layer_names(part) == ["", "depth", "spec", "matte", "N"]
     assert colour_channels(part) == ("R", "G", "B")
     assert colour_channels(part, "spec") == ("spec.r", "spec.g", "spec.b")
-    assert colour_channels(part, "matte") == colour_channels(part, "depth") == ()
+    for layer in ("matte", "depth", "N"):
+        assert colour_channels(part, layer) == ()
     only_z = ExrPart({"Z": channels["R"]}, window, window)
     image = ExrImage((only_z, part))
     assert find_colour(image) == (1, ("R", "G", "B"))

@@ -140,3 +140,9 @@ def test_outputs_keep_their_name_and_never_replace_the_source(tmp_path: Path):
     assert output_path(source, "out") == Path("out/a.0001.exr")
     with pytest.raises(OutputError, match="its own source"):
         output_path(source, tmp_path / "x" / "..")
+
+
+@pytest.mark.parametrize("name", ["a#b.exr", "50%d.exr", "v####.exr"])
+def test_a_picture_that_is_there_is_taken_by_its_name(tmp_path: Path, name: str):
+    (tmp_path / name).touch()
+    assert expand_frames(tmp_path / name) == [(None, tmp_path / name)]

@@ -305,6 +305,16 @@ def test_a_damaged_frame_is_no_finished_one(tmp_path, kept_bytes):
     assert apply(make_preset(), plate, out, options=sharp()).skipped == [target]
 
 
+@pytest.mark.parametrize("content", [b"a text", b"\x76\x2f\x31\x01" + bytes(2000)])
+def test_what_others_left_there_is_never_replaced(tmp_path, content):
+    plate, out = write_plate(tmp_path / "p.exr"), tmp_path / "out"
+    out.mkdir()
+    (out / "p.exr").write_bytes(content)
+    done = apply(make_preset(), plate, out, options=sharp())
+    assert "no frame that lensfit rendered" in str(done.failures)
+    assert (out / "p.exr").read_bytes() == content
+
+
 def test_frames_of_a_single_plate_cannot_be_chosen(tmp_path):
     plate = write_plate(tmp_path / "p.1001.exr")
     with pytest.raises(ImageError, match="single picture"):

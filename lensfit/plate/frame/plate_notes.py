@@ -53,15 +53,22 @@ def border_note(stages: Stages, window: Window, source: Window) -> str | None:
 
 
 def number_note(
-    pixels: Float32[np.ndarray, "height width channels"], name: str
+    pixels: Float32[np.ndarray, "height width channels"],
+    name: str,
+    blurred: bool = True,
 ) -> FrameNote | None:
-    """Whether the plate of that name holds NaN or infinity."""
+    """Whether the plate of that name holds NaN or infinity.
+
+    Parameters
+    ----------
+    blurred : Whether depth of field may be put on it.
+    """
     if np.isfinite(pixels).all():
         return None
+    black = ", and turn black where depth of field is put on" if blurred else ""
     return FrameNote(
-        f"{name} holds NaN or infinite pixels, which spread to their neighbours, and "
-        "turn black where depth of field is put on: mend them in the plate, and look "
-        "at the others",
+        f"{name} holds NaN or infinite pixels, which spread to their neighbours{black}"
+        ": mend them in the plate, and look at the others",
         "numbers",
     )
 
@@ -86,7 +93,7 @@ def layer_depth_notes(
         if own and used.name not in own:
             yield FrameNote(
                 f"{name}: layer {layer!r} has a depth of its own ({own[0]}), and is "
-                f"rendered with {used.name} (--layers and --depth-channel choose)",
+                f"rendered with {used.name} (--layer and --depth-channel choose)",
                 f"depth of layer {layer}",
             )
         elif not own and layer.lower() in EYES:

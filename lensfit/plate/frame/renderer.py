@@ -158,13 +158,11 @@ class FrameRenderer:
         except ImageError as error:
             if isinstance(error.__cause__, OSError):
                 raise
+            if not _begins_as_ours(target):
+                raise _of_others(target) from error
             return self._damaged(target)
         if not any(map(is_made_here, parts)):
-            raise OutputError(
-                "is there already and is no frame that lensfit rendered",
-                where=target,
-                remedy="choose another --out, or replace it with --overwrite",
-            )
+            raise _of_others(target)
         found = (p.attributes.get(FINGERPRINT) for p in parts)
         difference = wanted.difference(next((str(f) for f in found if f), None))
         if difference is None:
@@ -183,6 +181,29 @@ class FrameRenderer:
         """None of its parts, which is noted."""
         self.lens.notes.add(f"{target} was damaged and is rendered again")
         return ()
+
+
+_HEAD_BYTES = 1 << 16
+"""In which an OpenEXR file has its header."""
+_EXR_SIGN, _LEAST_BYTES = b"\x76\x2f\x31\x01", 512
+"""How every OpenEXR file begins, and how long one is at least that has a picture."""
+
+
+def _begins_as_ours(target: Path) -> bool:
+    """Whether a file that cannot be read begins as the frames written here do, or ends
+    before there could be a picture in it."""
+    with target.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    cut_short = head.startswith(_EXR_SIGN) and len(head) < _LEAST_BYTES
+    return not head or cut_short or FINGERPRINT.encode() in head
+
+
+def _of_others(target: Path) -> OutputError:
+    return OutputError(
+        "is there already and is no frame that lensfit rendered",
+        where=target,
+        remedy="choose another --out, or replace it with --overwrite",
+    )
 
 
 def with_fingerprint(image: ExrImage, made_of: Fingerprint) -> ExrImage:

@@ -27,6 +27,7 @@ from lensfit.lens import Lens
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.frame.flat_plate import layers_to_render, stacked_channels
 from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.plate_notes import number_note
 from lensfit.plate.frame.provenance import UNDISTORTED, part_with_signature
 from lensfit.plate.plate_file import ColourLayer, resized_channels
 from lensfit.rendering.falloff import apply_gain, illumination_gain
@@ -311,7 +312,7 @@ class PlateStraightener:
         found = layers_to_render(image, self.lens.options.layers)
         return ExrImage(
             tuple(
-                self._rendered(part, found[id(part)], state)
+                self._rendered(part, found[id(part)], state, path.name)
                 if id(part) in found
                 else self.lens.restated(part, state)
                 for part in image.parts
@@ -319,17 +320,20 @@ class PlateStraightener:
         )
 
     def _rendered(
-        self, part: ExrPart, layers: list[ColourLayer], state: PlateState
+        self, part: ExrPart, layers: list[ColourLayer], state: PlateState, name: str
     ) -> ExrPart:
         done = self._straightening(state, part)
+        stacks = [stacked_channels(part, layer.names) for layer in layers]
+        for pixels in stacks:
+            self.lens.notes.add(number_note(pixels, name, blurred=False))
         made = [
             straight_pixels(
-                stacked_channels(part, layer.names),
+                pixels,
                 part.data_window,
                 done,
                 self.lens.options.filter,
             )
-            for layer in layers
+            for pixels in stacks
         ]
         result = resized_channels(self.lens.restated(part, state), done.window)
         for layer, pixels in zip(layers, made, strict=True):
