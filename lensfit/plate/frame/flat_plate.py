@@ -21,7 +21,11 @@ from lensfit.io.exr import ExrImage, ExrPart, with_channels
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.cut_out import CutOut
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_notes import layer_depth_notes, number_note
+from lensfit.plate.frame.plate_notes import (
+    alpha_note,
+    layer_depth_notes,
+    number_note,
+)
 from lensfit.plate.frame.tight_window import (
     EmptyRing,
     first_pixel,
@@ -194,6 +198,11 @@ def _layer(
     """One colour layer over the window."""
     pixels = stacked_channels(part, layer.names)
     lens.notes.add(number_note(pixels, name))
+    if deep is not None and pixels.shape[-1] == 4:
+        alpha = pixels[..., 3]
+        lens.notes.add(alpha_note(alpha, name))
+        # A mean over rays is one over what they meet, once for all of it.
+        np.minimum(alpha, 1.0, out=alpha)
     in_front = None
     if deep is not None and deep.cut_out is not None:
         pixels, in_front = deep.cut_out.cut(pixels)

@@ -20,6 +20,8 @@ from lensfit.rendering.render_stages import Stages, Switches
 
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
+_WHOLE = 1.05
+"""Filters of renderers leave alpha a little above 1 along edges."""
 _KNOBS = {
     "distortion": ("--no-distortion", ("distortion",)),
     "lateral_colour": ("--no-lateral-colour", ("lateral_red", "lateral_blue")),
@@ -70,6 +72,20 @@ def number_note(
         f"{name} holds NaN or infinite pixels, which spread to their neighbours{black}"
         ": mend them in the plate, and look at the others",
         "numbers",
+    )
+
+
+def alpha_note(
+    alpha: Float32[np.ndarray, "height width"], name: str
+) -> FrameNote | None:
+    """Whether the plate of that name covers pixels more than wholly."""
+    largest = float(np.max(alpha, initial=0.0, where=np.isfinite(alpha)))
+    if largest <= _WHOLE:
+        return None
+    return FrameNote(
+        f"{name} has alpha up to {largest:.3g}, which counts as 1 where depth of field "
+        "is put on: colours are taken as they are",
+        "alpha",
     )
 
 
