@@ -49,7 +49,7 @@ def inspect(
     """
     from lensfit.cli._door import say_error, say_note
     from lensfit.cli._terminal import progress_bars
-    from lensfit.io.camera.slates import read_slates
+    from lensfit.io.camera.slates import read_slates, slate_of
     from lensfit.plate.camera.sources import CameraSources
     from lensfit.plate.notes import notes_of_new_topics
     from lensfit.workflow.inspect import as_json, inspect_images
@@ -78,7 +78,13 @@ def inspect(
     for failure in failures:
         say_error(failure)
     if write_shoot is not None and inspections:
-        rows = [row for path in slates or [] for row in read_slates(path)]
+        rows = []
+        for path in slates or []:
+            of_report = read_slates(path)
+            pictures = [(i.path, i.exposed_at) for i in inspections]
+            if not any(slate_of(of_report, *one) for one in pictures):
+                say_note(f"{path}: none of its rows is of these photographs")
+            rows += of_report
         write_draft_shoot(write_shoot, inspections, rows)
         say_note(f"{write_shoot}: drafted; fill in the lines marked TODO")
     if failures:

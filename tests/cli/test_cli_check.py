@@ -120,3 +120,11 @@ def test_an_output_without_a_name_is_wrong_usage(shoot: Path):
     done = runner.invoke(app, ["check", "--shoot", str(shoot), "--out", ""])
     assert done.exit_code == 2
     assert "is empty" in done.stderr
+
+
+def test_what_calibrate_will_refuse_is_said(shoot: Path):
+    text = shoot.read_text(encoding="utf-8")
+    kept = [line for line in text.splitlines() if "sensor_" not in line]
+    shoot.write_text("\n".join(kept), encoding="utf-8")
+    done = runner.invoke(app, ["check", "--shoot", str(shoot)])
+    assert "knows the sensor's width; add sensor_width_mm" in done.stdout

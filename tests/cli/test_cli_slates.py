@@ -73,3 +73,10 @@ def test_a_cell_that_is_none_names_its_line(folder: Path, cell: str, words: str)
     assert "report.csv line 2" in result.stderr
     assert words in result.stderr
     assert not path.exists()
+
+
+def test_a_report_of_other_photographs_is_said(folder: Path):
+    (folder / "report.csv").write_text("File Name,T-Stop\nx.jpg,4\n", encoding="utf-8")
+    result, _ = drafted(folder, "near.jpg", "far.jpg")
+    assert result.exit_code == 0
+    assert "report.csv: none of its rows is of these photographs" in result.stderr

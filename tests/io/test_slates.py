@@ -69,6 +69,15 @@ def test_rows_go_by_the_nearest_time(tmp_path):
     assert slate_of(slates, Path("a.jpg"), None) is None
 
 
+def test_two_rows_of_one_photograph_must_agree(tmp_path):
+    rows = "File Name,T-Stop\nA001.exr,2.8\nroll/A001.dng,2.8\n"
+    assert slate_of(read_slates(written(tmp_path, rows)), Path("A001.exr"), None)
+    rows += "A001.tif,4\n"
+    slates = read_slates(written(tmp_path, rows))
+    with pytest.raises(CameraError, match=r"line 2 and report\.csv line 4 are both"):
+        slate_of(slates, Path("A001.exr"), None)
+
+
 def test_dates_of_exif_and_of_people():
     moment = datetime(2026, 5, 1, 10, 0)
     for text in ("2026:05:01 10:00:00", "2026-05-01T10:00:00Z", "01.05.2026 10:00"):

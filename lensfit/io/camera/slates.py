@@ -104,12 +104,23 @@ def slate_of(
     Parameters
     ----------
     exposed_at : Date and time of its header.
+
+    Raises
+    ------
+    CameraError : Two rows are of this name and differ.
     """
     slates = list(slates)
     stem = image.stem.lower()
-    for slate in slates:
-        if slate.name is not None and slate.name.lower() == stem:
-            return slate
+    named = [s for s in slates if s.name is not None and s.name.lower() == stem]
+    for other in named[1:]:
+        if other.values != named[0].values:
+            raise CameraError(
+                f"{named[0].place} and {other.place} are both of it, and differ",
+                where=image.name,
+                remedy="remove the row that does not hold",
+            )
+    if named:
+        return named[0]
     moment = time_of(exposed_at)
     timed = [(s, s.time) for s in slates if s.time is not None and s.name is None]
     if moment is None or not timed:

@@ -19,7 +19,7 @@ from lensfit.detect.directional_blur import directional_blur
 from lensfit.detect.find import KINDS
 from lensfit.detect.lattice_map import LatticeMap, lattice_map
 from lensfit.detect.observations import Observations
-from lensfit.errors import DetectionError, LensfitError
+from lensfit.errors import DetectionError, LensfitError, ShootError
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import CameraState
 from lensfit.photograph import Photograph
@@ -46,6 +46,7 @@ from lensfit.workflow.check.sentences import (
     sharpening_problems,
 )
 from lensfit.workflow.shoot.identified_charts import target_of_pattern
+from lensfit.workflow.shoot.resolve_take import resolve_take
 from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
 
 _UNSTATED_KINDS = ("dot-grid", "checkerboard", "line-grid")
@@ -189,6 +190,7 @@ class CheckSession:
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
         problems += self._repeated(photograph)
+        problems += self._refused(photograph, header, take)
         low, high = found.lattice.min(0), found.lattice.max(0)
         return Check(
             image=photograph.path,
@@ -209,6 +211,18 @@ class CheckSession:
             focus=side,
             notes=found.notes,
         )
+
+    def _refused(
+        self, photograph: Photograph, header: CameraState | None, take: Take | None
+    ) -> Iterator[Problem]:
+        """What `lensfit calibrate` will not take of what is stated of a view."""
+        if self.shoot is None or take is None or take.target is None:
+            return
+        try:
+            resolve_take(self.shoot, take, header or CameraState(), photograph.size_px)
+        except ShootError as error:
+            remedy = error.remedy or "mend the shoot file"
+            yield Problem("statement", "caution", error.what, remedy)
 
     def _repeated(self, photograph: Photograph) -> Iterator[Problem]:
         """The same file under another name is not another view."""
