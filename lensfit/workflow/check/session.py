@@ -189,8 +189,7 @@ class CheckSession:
         problems += [*sharpening_problems(photograph), *motion_problems(motion)]
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
-        problems += self._repeated(photograph)
-        problems += self._refused(photograph, header, take)
+        problems += self._problems_of_plan(photograph, header, take)
         low, high = found.lattice.min(0), found.lattice.max(0)
         return Check(
             image=photograph.path,
@@ -212,10 +211,12 @@ class CheckSession:
             notes=found.notes,
         )
 
-    def _refused(
+    def _problems_of_plan(
         self, photograph: Photograph, header: CameraState | None, take: Take | None
     ) -> Iterator[Problem]:
-        """What `lensfit calibrate` will not take of what is stated of a view."""
+        """A view that was there before, and what `lensfit calibrate` will not take of
+        what is stated of it."""
+        yield from self._repeated(photograph)
         if self.shoot is None or take is None or take.target is None:
             return
         try:
