@@ -95,6 +95,26 @@ def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
     return None
 
 
+def check_corners(
+    spanned_mm: tuple[float, float], measured_mm: tuple[float, float]
+) -> None:
+    """Refuse a frame whose corners lie far outside of what was photographed, as those
+    of a tall one may: `spanned_width_note` looks at its width alone.
+
+    Raises
+    ------
+    ImageError : The lens is not known that far out.
+    """
+    if math.hypot(*spanned_mm) <= LARGEST_PART * math.hypot(*measured_mm):
+        return
+    width_mm, height_mm = spanned_mm
+    raise ImageError(
+        f"the plate spans {width_mm:g} x {height_mm:g} mm and the lens was "
+        f"photographed over {measured_mm[0]:g} x {measured_mm[1]:g} mm",
+        remedy=f"state the width of this frame in mm ({_OPTION})",
+    )
+
+
 _SAME = 1e-6
 
 

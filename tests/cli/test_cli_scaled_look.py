@@ -9,6 +9,7 @@ from plate_makers import DISPLAY, make_preset, scene
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.preset.store import save_preset
 
@@ -212,3 +213,16 @@ def test_overscan_that_a_plate_of_a_scaled_camera_has(tmp_path):
     assert twice["margins_px"] == measured["margins_px"]
     assert twice["plate"] == measured["plate"]
     assert twice["sensor_mm"] == pytest.approx([2 * x for x in measured["sensor_mm"]])
+
+
+def test_a_frame_far_taller_than_was_photographed_is_refused(tmp_path, applied):
+    window = Window.of_size(48, 96)
+    channels = dict(zip("RGB", np.moveaxis(scene(window), -1, 0), strict=True))
+    header = {"lens/focal": 35.0, "lens/fstop": 2.8, "lens/focus": 2.0}
+    for width, is_far in ((36.0, True), (20.0, False)):
+        header |= {"lens/aperture": width}
+        part = ExrPart(channels, window, window, header)
+        write_exr(tmp_path / "tall.exr", ExrImage((part,)))
+        done, made = applied(tmp_path / "tall.exr", "--no-defocus")
+        assert (f"spans {width:g} x 72 mm" in done.stderr) is is_far
+        assert made.exists() is not is_far

@@ -45,7 +45,7 @@ from lensfit.plate.plate_depth import depth_doubt
 from lensfit.plate.plate_file import header_entries, plate_header
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
-from lensfit.preset.scaled_look import unscaled_error
+from lensfit.preset.scaled_look import check_corners, unscaled_error
 from lensfit.preset.schema import Preset
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import window_with_margin
@@ -182,7 +182,15 @@ class PlateLens:
             self.options.pixel_aspect,
         )
         notes = (*state.notes, *([shape.note] if shape.note else []))
-        return state._replace(pixel_shape=shape.ratio, notes=notes)
+        state = state._replace(pixel_shape=shape.ratio, notes=notes)
+        display, measured = part.display_window, self.preset.camera
+        width_mm = float(state.sensor_width_mm)
+        height_mm = width_mm * display.height / display.width / (shape.ratio or 1.0)
+        check_corners(
+            (width_mm, height_mm),
+            (measured.sensor_width_mm, measured.sensor_height_mm),
+        )
+        return state
 
     def lens_at(self, state: PlateState) -> Lens:
         """The adjusted lens at the state of a plate; kept for the next."""
