@@ -131,6 +131,7 @@ def test_a_t_stop_stands_for_the_f_number_and_is_said(tmp_path):
         (('focus_mark = ["mid"]',), "no focus mark is named"),
         (("focal_length = 28",), 'write focal_length = "28 mm"'),
         (("f_number = 1e-9",), "f_number"),
+        (("t_stop = 4.5",), "t_number"),
         (("anamorphic_squeeze = 1e9",), "anamorphic_squeeze"),
         (("f_numbr = 2",), "f_numbr"),
     ],
@@ -152,6 +153,7 @@ def test_mistakes_name_their_take(tmp_path, lines, words):
         ("defaults = 3\n", "defaults"),
         ('[group]\nname = "a"\n', r"write \[\[group\]\], with two brackets"),
         ('[defaults]\nname = "a"\n', "defaults"),
+        ("[default]\nf_number = 2\n", 'did you mean "defaults"'),
     ],
 )
 def test_mistakes_of_what_is_shared_name_its_table(tmp_path, head, place):

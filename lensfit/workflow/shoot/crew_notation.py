@@ -14,14 +14,14 @@ long as their sensor is wide, the longest telescopes a few hundred times as long
 lies beyond is in metres, or a slip.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from lensfit._strict import did_you_mean
 from lensfit.errors import CameraError, ShootError
 from lensfit.io.camera.quantity import written_length_mm
-from lensfit.workflow.shoot.shoot_records import Take
+from lensfit.workflow.shoot.shoot_records import ShootFile, Take
 
 SHORTEST_WIDTHS, LONGEST_WIDTHS = 1 / 20, 500.0
 """Focal lengths, in widths of the sensor."""
@@ -72,6 +72,8 @@ _TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
 _CAMERA_LENGTHS = ("sensor_width_mm", "sensor_height_mm")
 _SHARED = (*Take.__struct_fields__[1:], "focus_mark", "t_number")
 """Keys of a take that many may share."""
+_TABLES = (*ShootFile.__struct_fields__, "defaults", "group", "focus_marks")
+_TAKE_KEYS = ("image", *_SHARED, "group")
 
 
 def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
@@ -87,6 +89,7 @@ def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
     ShootError : A length, group or focus mark that is none.
     """
     data = dict(data)
+    _refuse_unknown(data, _TABLES, str(path))
     marks = _focus_marks(data.pop("focus_marks", {}), path)
     defaults = _table(data.pop("defaults", {}), "defaults", path)
     groups = _named(data.pop("group", []), "group", path)
@@ -121,6 +124,7 @@ def _joined(
 ) -> Tables:
     """A take with what its group, its target and the defaults say."""
     own = _with_lengths(take, _TAKE_LENGTHS, place, path)
+    _refuse_unknown(own, _TAKE_KEYS, f"{path}: {place}")
     name = own.pop("group", None)
     group: Tables = {}
     if name is not None:
@@ -262,16 +266,21 @@ def _table(table: Any, place: str, path: Path) -> Tables:
     if place == "focus_marks":
         return dict(table)
     plain = _with_lengths(table, _TAKE_LENGTHS, place, path)
-    for key in plain:
-        if key == "image":
-            raise ShootError(f"{key} belongs to one take", where=f"{path}: {place}")
-        if key not in _SHARED:
-            raise ShootError(
-                f'the key "{key}" is unknown',
-                where=f"{path}: {place}",
-                remedy=did_you_mean(key, list(_SHARED)),
-            )
+    if "image" in plain:
+        raise ShootError("image belongs to one take", where=f"{path}: {place}")
+    _refuse_unknown(plain, _SHARED, f"{path}: {place}")
     return plain
+
+
+def _refuse_unknown(table: Tables, known: Sequence[str], where: str) -> None:
+    """Name all keys that a crew may write there, which the plain form has not all."""
+    for key in table:
+        if key not in known:
+            raise ShootError(
+                f'unknown key "{key}"',
+                where=where,
+                remedy=did_you_mean(key, list(known)),
+            )
 
 
 def _named(groups: Any, key: str, path: Path) -> dict[str, Tables]:
