@@ -113,6 +113,8 @@ def test_a_t_stop_stands_for_the_f_number_and_is_said(tmp_path):
     found = shoot(tmp_path, take("t_number = 2.0"))
     assert found.takes[0].f_number == 2.0
     assert any("T-stops are used as f-numbers" in note for note in found.notes)
+    engraved = shoot(tmp_path, take('t_number = "T2.0"')).takes[0]
+    assert engraved.f_number == 2.0
     both = shoot(tmp_path, take("t_number = 2.0", "f_number = 1.9"))
     assert both.takes[0].f_number == 1.9
     assert not any("T-stop" in note for note in both.notes)
@@ -132,6 +134,8 @@ def test_a_t_stop_stands_for_the_f_number_and_is_said(tmp_path):
         (("focal_length = 28",), 'write focal_length = "28 mm"'),
         (("f_number = 1e-9",), "f_number"),
         (("t_stop = 4.5",), "t_number"),
+        (("t_number = 0",), "t_number = 0 is none that a lens has"),
+        (('f_number = "four"',), "f_number = four is none"),
         (("anamorphic_squeeze = 1e9",), "anamorphic_squeeze"),
         (("f_numbr = 2",), "f_numbr"),
     ],

@@ -107,8 +107,8 @@ def test_values_that_the_draft_left_to_check_are_named(write):
         ),
         ("37.5", "nan", "[[target]] 1, pitch_mm: nan is no finite number"),
         ("24.89", "inf", "camera.sensor_width_mm: inf is no finite number"),
-        ("1.4\nfo", "0\nfo", "[[take]] 1, f_number: expected a number of at least 0.3"),
-        ("1.4\nfo", "true\nfo", "[[take]] 1, f_number: expected a number, got"),
+        ("1.4\nfo", "0\nfo", "[[take]] 1: f_number = 0 is none that a lens has"),
+        ("1.4\nfo", "true\nfo", "[[take]] 1: f_number = True is none that a lens has"),
         (
             '"dot-grid"',
             '"dots-grid"',

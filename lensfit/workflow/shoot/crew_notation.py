@@ -14,6 +14,7 @@ long as their sensor is wide, the longest telescopes a few hundred times as long
 lies beyond is in metres, or a slip.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,12 @@ from typing import Any
 from lensfit._strict import did_you_mean
 from lensfit.errors import CameraError, ShootError
 from lensfit.io.camera.quantity import written_length_mm
-from lensfit.workflow.shoot.shoot_records import ShootFile, Take
+from lensfit.workflow.shoot.shoot_records import (
+    LARGEST_F_NUMBER,
+    SMALLEST_F_NUMBER,
+    ShootFile,
+    Take,
+)
 
 SHORTEST_WIDTHS, LONGEST_WIDTHS = 1 / 20, 500.0
 """Focal lengths, in widths of the sensor."""
@@ -67,6 +73,7 @@ def check_focal_length(
 
 
 Tables = dict[str, Any]
+_ENGRAVED = re.compile(r"(?:[fF]/?|[tT]/?)?\s*(\d+(?:\.\d+)?)")
 _TAKE_LENGTHS = ("focal_length_mm", "focus_distance_mm", "target_distance_mm")
 _TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
 _CAMERA_LENGTHS = ("sensor_width_mm", "sensor_height_mm")
@@ -107,7 +114,7 @@ def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
         place = f"[[take]] {number}"
         joined = _joined(take, groups, by_target, defaults, place, path)
         joined = _with_focus_mark(joined, marks, place, path)
-        takes.append(_with_f_number(joined, notes))
+        takes.append(_with_f_number(joined, notes, f"{path}: {place}"))
     data |= {k: v for k, v in (("target", targets), ("take", takes)) if v}
     if isinstance(data.get("camera"), Mapping):
         data["camera"] = _with_lengths(data["camera"], _CAMERA_LENGTHS, "camera", path)
@@ -178,9 +185,11 @@ def _with_focus_mark(
     return take | {"focus_distance_mm": marks[name]}
 
 
-def _with_f_number(take: Tables, notes: dict[str, None]) -> Tables:
+def _with_f_number(take: Tables, notes: dict[str, None], where: str) -> Tables:
     """A T-stop in place of the f-number, where there is none."""
-    stop = take.pop("t_number", None)
+    stops = {k: _stop(take[k], k, where) for k in ("f_number", "t_number") if k in take}
+    stop = stops.pop("t_number", None)
+    take = {k: v for k, v in take.items() if k != "t_number"} | stops
     if stop is None or take.get("f_number") is not None:
         return take
     notes[
@@ -188,6 +197,20 @@ def _with_f_number(take: Tables, notes: dict[str, None]) -> Tables:
         "to a tenth; state f_number where blur is to be measured"
     ] = None
     return take | {"f_number": stop}
+
+
+def _stop(value: Any, key: str, where: str) -> Any:
+    """An f-number or T-stop, also as it is engraved: "f/4", "T2.8"."""
+    if isinstance(value, str) and (engraved := _ENGRAVED.fullmatch(value.strip())):
+        value = float(engraved[1])
+    number = float(value) if type(value) in (int, float) else 0.0
+    if SMALLEST_F_NUMBER <= number <= LARGEST_F_NUMBER:
+        return value
+    raise ShootError(
+        f"{key} = {value} is none that a lens has",
+        where=where,
+        remedy=f"write {key} = 2.8 or the like",
+    )
 
 
 def _focus_marks(table: Any, path: Path) -> dict[str, float]:

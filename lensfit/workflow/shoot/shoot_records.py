@@ -13,8 +13,9 @@ from lensfit.errors import ShootError
 from lensfit.mosaic import Mosaic
 
 PositiveFloat = Annotated[float, Meta(gt=0)]
-FNumber = Annotated[float, Meta(ge=0.3, le=512)]
-"""From the fastest lens that air allows to the smallest stop of a large format."""
+SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.3, 512.0
+"""Below the fastest lens that air allows, and beyond the stops of large formats."""
+FNumber = Annotated[float, Meta(ge=SMALLEST_F_NUMBER, le=LARGEST_F_NUMBER)]
 Squeeze = Annotated[float, Meta(ge=0.25, le=4)]
 PitchFloat = Annotated[float, Meta(ge=1e-3, le=1e5)]
 """From a micrometre, of charts for microscopes, to a hundred metres."""
