@@ -58,9 +58,12 @@ def test_an_element_that_has_left_the_frame_is_empty(tmp_path, left):
     assert (colours(made) == 0).all()
 
 
-@pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 3)])
-def test_a_frame_of_a_single_pixel_or_row_is_rendered(tmp_path, size):
-    """Stopped down: its pixels are as wide as the sensor, the outer ones far off."""
-    window = Window.of_size(*size)
-    made = rendered(tmp_path, window, window, "--f-number", "8")
+@pytest.mark.parametrize(
+    ("size", "width_mm"), [((1, 1), 24), ((2, 1), 24), ((1, 3), 6)]
+)
+def test_a_frame_of_a_single_pixel_or_row_is_rendered(tmp_path, size, width_mm):
+    """Stopped down: its pixels are as wide as the sensor, the outer ones far off. A
+    column as wide as the sensor would be taller than what was photographed."""
+    window, options = Window.of_size(*size), ("--sensor-width-mm", str(width_mm))
+    made = rendered(tmp_path, window, window, "--f-number", "8", *options)
     assert (colours(made) > 0.05).all()
