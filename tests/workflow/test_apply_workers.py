@@ -168,7 +168,9 @@ def test_a_run_with_workers_that_is_killed_has_nothing_to_clean_up(tmp_path, how
         assert job.wait(60) != 0
         assert job.stderr is not None
         said = job.stderr.read()
-    assert said == ("lensfit: error: interrupted\n" if how == "SIGINT" else "")
+    assert said == ("" if how == "SIGKILL" else "lensfit: error: interrupted\n")
+    if how != "SIGKILL":
+        assert all(not path.name.startswith(".") for path in out.iterdir())
 
 
 def test_options_travel_to_processes(sequence):
