@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -204,6 +204,23 @@ def did_you_mean(word: str, known: list[str]) -> str:
     return "known here: " + ", ".join(known) if known else "none is known here"
 
 
+def refuse_unknown_keys(
+    table: Iterable[str],
+    known: Sequence[str],
+    *,
+    error: type[LensfitError],
+    where: str | Path,
+) -> None:
+    """Raise on the first key that is not known, in the words of `convert_strictly`."""
+    for key in table:
+        if key not in known:
+            raise error(_unknown_key(key, list(known)), where=where)
+
+
+def _unknown_key(key: str, known: list[str]) -> str:
+    return f'unknown key "{_shortened(key)}"; {did_you_mean(key, known)}'
+
+
 def _split(complaint: str) -> tuple[str, str]:
     """What is wrong, and the path of the key without its leading "$."."""
     match = re.fullmatch(r"(?s)(.*) - at `\$\.?(.*)`", complaint)
@@ -213,8 +230,7 @@ def _split(complaint: str) -> tuple[str, str]:
 def _in_plain_words(what: str, record_type: Any, path: str) -> str:
     unknown = re.fullmatch(r"(?s)Object contains unknown field `(.*)`", what)
     if unknown:
-        hint = did_you_mean(unknown[1], _keys_at(record_type, path))
-        return f'unknown key "{_shortened(unknown[1])}"; {hint}'
+        return _unknown_key(unknown[1], _keys_at(record_type, path))
     missing = re.fullmatch(r"Object missing required field `(.*)`", what)
     if missing:
         return f'key "{missing[1]}" is missing; add it'

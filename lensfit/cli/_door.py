@@ -8,7 +8,8 @@ Python drops what is raised inside a callback of its garbage collector (JAX has 
 a weak reference or inside a finaliser: it prints "Exception ignored" and the job goes
 on. There an interrupt waits a moment and tries again. Threads of libraries may then be
 in the middle of a program, and crash while Python is taken down around them: an
-interrupted run ends without that.
+interrupted run ends without that. SIGTERM, with which farms end a task, is heard in the
+same way: files that are half written are taken care of.
 """
 
 import errno
@@ -163,26 +164,25 @@ _WEAK = {
     for kind in (weakref.WeakKeyDictionary, weakref.WeakSet)
 }
 """Where the callbacks of weak references stand."""
+_USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+"""Signals that end a run, and what handles them where nobody has chosen."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt where it is heard, as long as this context lasts.
 
-    Only in the main thread, which alone may handle signals, and only where nobody has
-    chosen otherwise: a run in the background ignores Ctrl-C.
+    Only in the main thread, which alone may handle signals, and only for signals that
+    nobody has chosen otherwise for: a run in the background ignores Ctrl-C.
     """
-    python_s = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    usual = [n for n, handler in _USUAL.items() if signal.getsignal(n) is handler]
     is_main = threading.current_thread() is threading.main_thread()
-    if not (python_s and is_main and hasattr(signal, "setitimer")):
+    if not (usual and is_main and hasattr(signal, "setitimer")):
         yield
         return
     alarm = signal.signal(signal.SIGALRM, _interrupt)
-    signal.signal(signal.SIGINT, _interrupt)
-    # Farms end a task with SIGTERM, which would leave half-written files behind.
-    ends = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    if ends:
-        signal.signal(signal.SIGTERM, _interrupt)
+    for number in usual:
+        signal.signal(number, _interrupt)
     try:
         yield
     except SystemExit as end:
@@ -191,10 +191,9 @@ def interruptible() -> Iterator[None]:
         raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in usual:
+            signal.signal(number, _USUAL[number])
         signal.signal(signal.SIGALRM, alarm)
-        if ends:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:

@@ -11,7 +11,6 @@ from lensfit.cli._terminal import say_line
 if TYPE_CHECKING:
     from lensfit.workflow.check.check_records import Check
     from lensfit.workflow.check.session import CheckSession
-    from lensfit.workflow.shoot.shoot_records import Shoot
 
 
 def check(
@@ -67,29 +66,9 @@ def _paths(
 
         yield from new_photographs(watch)
     elif not images and session.shoot is not None:
-        yield from _photographed(session.shoot)
+        from lensfit.workflow.check.photographs import photographs_of_plan
 
-
-def _photographed(shoot: "Shoot") -> list[Path]:
-    """The photographs of the plan that are there."""
-    from lensfit.errors import ShootError
-
-    paths = [shoot.image_path(take) for take in shoot.takes]
-    found = [path for path in paths if _is_there(path)]
-    if not found:
-        raise ShootError(
-            f"none of its {len(paths)} photographs is there, {paths[0].name} the first",
-            where=shoot.path,
-            remedy="correct the names in its [[take]] tables, or photograph them",
-        )
-    return found
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # no file can have such a name
-        return False
+        yield from photographs_of_plan(session.shoot)
 
 
 def _checked(session: "CheckSession", path: Path, as_json: bool) -> bool:

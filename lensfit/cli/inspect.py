@@ -1,5 +1,6 @@
 """``lensfit inspect``: what pictures say of themselves, and a draft shoot file."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -78,14 +79,11 @@ def inspect(
     for failure in failures:
         say_error(failure)
     if write_shoot is not None and inspections:
-        rows = []
-        for path in slates or []:
-            of_report = read_slates(path)
-            pictures = [(i.path, i.exposed_at) for i in inspections]
-            if not any(slate_of(of_report, *one) for one in pictures):
+        reports = {path: read_slates(path) for path in slates or []}
+        for path, rows in reports.items():
+            if not any(slate_of(rows, i.path, i.exposed_at) for i in inspections):
                 say_note(f"{path}: none of its rows is of these photographs")
-            rows += of_report
-        write_draft_shoot(write_shoot, inspections, rows)
+        write_draft_shoot(write_shoot, inspections, list(chain(*reports.values())))
         say_note(f"{write_shoot}: drafted; fill in the lines marked TODO")
     if failures:
         raise typer.Exit(1)

@@ -54,4 +54,7 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
     try:
         return WRITERS[to](request)
     except LensfitError as error:
-        raise unscaled_error(error) from error.__cause__
+        own = unscaled_error(error)
+        if own is error:  # which would be its own cause
+            raise
+        raise own from error

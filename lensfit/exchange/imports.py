@@ -36,13 +36,11 @@ from lensfit.exchange.text_file import read_text
 from lensfit.exchange.unreal import read_unreal
 from lensfit.exchange.usd_camera import read_usd_camera
 from lensfit.exchange.uv_map_lens import lens_of_uv_map
+from lensfit.io.exr_header import MAGIC as EXR_MAGIC
 from lensfit.io.usd_stage import STARTS
 from lensfit.preset.blocks import Camera
 from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent
-
-_EXR_MAGIC = b"\x76\x2f\x31\x01"
-
 
 Reader = Callable[[Path, StatedValues, str | None], ForeignLens]
 """Of a file, what is stated beside it, and the name of the camera in a database."""
@@ -77,7 +75,7 @@ class Format:
 
 
 FOREIGN_FORMATS: dict[str, Format] = {
-    "stmap": Format(_of_one_lens(lens_of_uv_map), starts=(_EXR_MAGIC,)),
+    "stmap": Format(_of_one_lens(lens_of_uv_map), starts=(EXR_MAGIC,)),
     "usd": Format(_of_one_lens(read_usd_camera), starts=STARTS),
     "mrcal": Format(_of_one_lens(read_mrcal), words=("LENSMODEL_",)),
     "unreal": Format(

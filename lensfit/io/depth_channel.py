@@ -16,7 +16,7 @@ from jaxtyping import Float, Float32
 
 from lensfit.coords import Window, pixels_over_window
 from lensfit.errors import ImageError
-from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.io.exr import ExrImage, ExrPart, is_vector
 from lensfit.units import MILLIMETRES_PER_INCH, MILLIMETRES_PER_METRE
 
 DepthKind = Literal["perpendicular", "ray", "inverse", "normalised"]
@@ -127,25 +127,14 @@ def is_depth_name(name: str) -> bool:
 def _rank(part: ExrPart, name: str) -> int | None:
     """How surely a channel is the depth of the picture; less is surer."""
     layer, _, leaf = name.lower().rpartition(".")
-    if leaf in _LEAVES and _is_of_vector(part, name):
-        return None
     if leaf in _LEAVES:
+        if is_vector(part, name.rpartition(".")[0]):
+            return None
         known = layer in ("", "depth", "z", "p", part.name.lower())
         return (0 if known else 20) + _LEAVES.index(leaf)
     if part.name.lower() in _LEAVES and len(part.channels) == 1:
         return 10
     return None
-
-
-def _is_of_vector(part: ExrPart, name: str) -> bool:
-    """Whether a channel is the last component of positions or normals."""
-    layer = name.rpartition(".")[0].lower()
-    leaves = {
-        other.rpartition(".")[2].lower()
-        for other in part.channel_names
-        if other.rpartition(".")[0].lower() == layer
-    }
-    return {"x", "y"} <= leaves
 
 
 def depth_over_window(

@@ -178,9 +178,18 @@ def unreadable(error: Exception, path: Path) -> ImageError:
         said = f"an attribute divides by zero: {said}"
     elif "Unable to open" in said or "missing attribute" in said:
         said = "an attribute of its header is missing or malformed"
-    elif not str(path).isprintable():
+    elif not _is_utf8(str(path)):
         said, remedy = "its name is not UTF-8", "rename it"
     return ImageError(f"cannot be read ({said})", where=path, remedy=remedy)
+
+
+def _is_utf8(text: str) -> bool:
+    """Python keeps other bytes of a file's name as what has no encoding."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def part_without_channels(part: OpenEXR.Part) -> ExrPart:
@@ -265,16 +274,28 @@ def colour_channels(part: ExrPart, layer: str = "") -> tuple[str, ...]:
     Three names in the order red, green, blue; one name when the layer is grey; none
     when it holds no colour.
     """
-    leaves = {_split(n)[1]: n for n in part.channels if _split(n)[0] == layer}
+    leaves = _leaves(part, layer)
     for names in _COLOURS:
         if all(name in leaves for name in names):
             return tuple(leaves[name] for name in names)
-    if leaves.keys() & {"X", "x"}:  # of a vector, whose y is no light
+    if is_vector(part, layer):  # whose y is no light
         return ()
     greys = [leaves[name] for name in _GREYS if name in leaves]
     if not greys and len(leaves) == 1 and not leaves.keys() & set(_NEVER_COLOUR):
         greys = list(leaves.values())
     return tuple(greys[:1])
+
+
+def is_vector(part: ExrPart, layer: str) -> bool:
+    """Whether a layer holds positions, normals or motion: its z is no depth, nor is its
+    y light."""
+    return {"x", "y"} <= {leaf.lower() for leaf in _leaves(part, layer)}
+
+
+def _leaves(part: ExrPart, layer: str) -> dict[str, str]:
+    """Exact names of the channels of a layer, by what follows its name."""
+    split = {name: _split(name) for name in part.channel_names}
+    return {leaf: name for name, (own, leaf) in split.items() if own == layer}
 
 
 def find_colour(image: ExrImage, layer: str = "") -> tuple[int, tuple[str, ...]]:

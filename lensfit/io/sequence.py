@@ -44,7 +44,7 @@ def expand_frames(
     ImageError : No frame exists, some of `frames` are missing (they are listed), or
         the pattern or range is malformed.
     """
-    if frames is None and Path(pattern).is_file():  # whatever signs its name has
+    if frames is None and Path(pattern).is_file():  # "#" in its name is no number then
         return [(None, Path(pattern))]
     path, own = split_pattern(pattern)
     frames = own if frames is None else frames

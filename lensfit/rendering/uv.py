@@ -236,6 +236,15 @@ class SpannedWidth(float):
         return width
 
 
+def spanned_mm(display_window: Window, width_mm: float) -> tuple[float, float]:
+    """Width and height on the sensor of a display window so wide; its pixels are square
+    unless the width is a `SpannedWidth`."""
+    aspect = display_window.height / display_window.width
+    if isinstance(width_mm, SpannedWidth):
+        aspect /= width_mm.pixel_shape
+    return float(width_mm), float(width_mm) * aspect
+
+
 @dataclass(frozen=True)
 class PlateGeometry:
     """How a plate's pixels lie on the sensor: display window and its size in mm."""
@@ -249,11 +258,8 @@ class PlateGeometry:
     ) -> "PlateGeometry":
         """Centred, the display window as wide as the sensor; pixels are square unless
         the width is a `SpannedWidth`."""
-        width = float(sensor_width_mm or lens.sensor_size_mm[0])
-        aspect = display_window.height / display_window.width
-        if isinstance(sensor_width_mm, SpannedWidth):
-            aspect /= sensor_width_mm.pixel_shape
-        return cls(display_window, (width, width * aspect))
+        width_mm = sensor_width_mm or float(lens.sensor_size_mm[0])
+        return cls(display_window, spanned_mm(display_window, width_mm))
 
     @property
     def pitch_mm(self) -> tuple[float, float]:

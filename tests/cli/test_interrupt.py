@@ -137,8 +137,12 @@ def test_the_end_of_a_farms_task_is_an_interrupt():
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(HEARD_WITHIN_S)
 
-    with pytest.raises(KeyboardInterrupt), interruptible():
-        end()
+    for in_the_background in (False, True):
+        if in_the_background:  # where Ctrl-C is ignored
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        with pytest.raises(KeyboardInterrupt), interruptible():
+            end()
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 

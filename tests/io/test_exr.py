@@ -1,5 +1,6 @@
 """OpenEXR files survive a round trip bit for bit; bad ones are refused in a line."""
 
+import os
 import resource
 import struct
 import sys
@@ -396,15 +397,16 @@ def test_record_refuses_channels_that_do_not_fit():
 def test_layers_and_colours():
     size = (2, 3)
     names = ["R", "G", "B", "A", "depth.Z", "spec.b", "spec.g", "spec.r", "matte.A"]
-    names += ["N.X", "N.Y", "N.Z"]
+    names += ["N.X", "N.Y", "N.Z", "mask.X"]
     channels = {n: np.full(size, i, np.float32) for i, n in enumerate(names)}
     window = Window.of_size(3, 2)
     part = ExrPart(channels, window, window)
-    assert layer_names(part) == ["", "depth", "spec", "matte", "N"]
+    assert layer_names(part) == ["", "depth", "spec", "matte", "N", "mask"]
     assert colour_channels(part) == ("R", "G", "B")
     assert colour_channels(part, "spec") == ("spec.r", "spec.g", "spec.b")
     for layer in ("matte", "depth", "N"):
         assert colour_channels(part, layer) == ()
+    assert colour_channels(part, "mask") == ("mask.X",)
     only_z = ExrPart({"Z": channels["R"]}, window, window)
     image = ExrImage((only_z, part))
     assert find_colour(image) == (1, ("R", "G", "B"))
@@ -438,3 +440,14 @@ def test_real_plate(data_dir: Path, tmp_path: Path):
     assert {k: plain(v) for k, v in copy.attributes.items()} == {
         k: plain(v) for k, v in part.attributes.items()
     }
+
+
+def test_a_name_that_is_not_utf_8_is_said(tmp_path):
+    path = tmp_path / os.fsdecode(b"b\xff.exr")
+    try:
+        write_exr(path.with_name("b.exr"), ExrImage((random_part(),)))
+        path.with_name("b.exr").rename(path)
+    except OSError:
+        pytest.skip("no such names here")
+    with pytest.raises(ImageError, match=r"its name is not UTF-8\); rename it"):
+        read_exr(path)

@@ -113,8 +113,11 @@ def test_a_t_stop_stands_for_the_f_number_and_is_said(tmp_path):
     found = shoot(tmp_path, take("t_number = 2.0"))
     assert found.takes[0].f_number == 2.0
     assert any("T-stops are used as f-numbers" in note for note in found.notes)
-    engraved = shoot(tmp_path, take('t_number = "T2.0"')).takes[0]
-    assert engraved.f_number == 2.0
+    for line in ('t_number = "2.0"', 't_number = "T2.0"', 'f_number = "T2"'):
+        engraved = shoot(tmp_path, take(line))
+        assert engraved.takes[0].f_number == 2.0
+        assert any("T-stops are used as f-numbers" in note for note in engraved.notes)
+    assert shoot(tmp_path, take('f_number = "f/2.8"')).takes[0].f_number == 2.8
     both = shoot(tmp_path, take("t_number = 2.0", "f_number = 1.9"))
     assert both.takes[0].f_number == 1.9
     assert not any("T-stop" in note for note in both.notes)

@@ -154,10 +154,9 @@ def _moves_of_marks(
 
 
 def _photographed(found: WavefrontFit) -> list[DotData]:
-    """What the fit was made from, and what it was not."""
-    return (
-        [found.dot_data] if found.unfitted is None else [found.dot_data, found.unfitted]
-    )
+    """Of the photographs of the fit, and then of those that were not fitted."""
+    every = [found.dot_data, found.unfitted]
+    return [dot_data for dot_data in every if dot_data is not None]
 
 
 def _of_every_mark(

@@ -13,6 +13,7 @@ from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.stated_facts import Widths
+from lensfit.fitting.wavefront.dot_neighbours import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
     are_broad,
@@ -24,7 +25,6 @@ from lensfit.fitting.wavefront.dot_patches import (
 from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.known_dots import Reference, dots_of
-from lensfit.fitting.wavefront.neighbours import own_cells
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine

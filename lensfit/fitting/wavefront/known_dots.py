@@ -34,6 +34,7 @@ from lensfit.fitting.wavefront.dot_aperture import (
     gaussian_dot_aperture,
     no_dot_aperture,
 )
+from lensfit.fitting.wavefront.dot_neighbours import neighbour_offsets_mm
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
     diameters_mm,
@@ -42,7 +43,6 @@ from lensfit.fitting.wavefront.dot_patches import (
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots, undrawn
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
 from lensfit.fitting.wavefront.focus_range import FocusRange
-from lensfit.fitting.wavefront.neighbours import neighbour_offsets_mm
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.lateral import ChannelShift, channel_from_green

@@ -201,7 +201,7 @@ def _layer(
     if deep is not None and pixels.shape[-1] == 4:
         alpha = pixels[..., 3]
         lens.notes.add(alpha_note(alpha, name))
-        # A mean over rays is one over what they meet, once for all of it.
+        # Rays divide the light that they read by what covers them: 2 would halve it.
         np.minimum(alpha, 1.0, out=alpha)
     in_front = None
     if deep is not None and deep.cut_out is not None:

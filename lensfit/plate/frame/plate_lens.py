@@ -51,7 +51,7 @@ from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads, look_of
 from lensfit.rendering.render_stages import Stages, prepare_stages
-from lensfit.rendering.uv import PlateGeometry
+from lensfit.rendering.uv import PlateGeometry, spanned_mm
 
 _NEAREST_FOCAL_LENGTHS = 1.5
 _LONGEST_SIDE_PX = 32766
@@ -183,11 +183,9 @@ class PlateLens:
         )
         notes = (*state.notes, *([shape.note] if shape.note else []))
         state = state._replace(pixel_shape=shape.ratio, notes=notes)
-        display, measured = part.display_window, self.preset.camera
-        width_mm = float(state.sensor_width_mm)
-        height_mm = width_mm * display.height / display.width / (shape.ratio or 1.0)
+        measured = self.preset.camera
         check_corners(
-            (width_mm, height_mm),
+            spanned_mm(part.display_window, state.spanned_width_mm),
             (measured.sensor_width_mm, measured.sensor_height_mm),
         )
         return state

@@ -21,7 +21,7 @@ from lensfit.rendering.render_stages import Stages, Switches
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
 _WHOLE = 1.05
-"""Filters of renderers leave alpha a little above 1 along edges."""
+"""Alpha up to here is said nothing of: filters of renderers leave it along edges."""
 _KNOBS = {
     "distortion": ("--no-distortion", ("distortion",)),
     "lateral_colour": ("--no-lateral-colour", ("lateral_red", "lateral_blue")),
@@ -57,6 +57,7 @@ def border_note(stages: Stages, window: Window, source: Window) -> str | None:
 def number_note(
     pixels: Float32[np.ndarray, "height width channels"],
     name: str,
+    *,
     blurred: bool = True,
 ) -> FrameNote | None:
     """Whether the plate of that name holds NaN or infinity.

@@ -23,6 +23,7 @@ from lensfit.io.decoded_size import refuse_beyond_memory
 from lensfit.io.depth_channel import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
+from lensfit.io.exr_header import MAGIC
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.content_digest import is_whole
 from lensfit.plate.frame.deep_plate import render_deep
@@ -45,6 +46,10 @@ from lensfit.preset.schema import Preset
 _WORKING_BYTES_PER_PX, _STRAIGHT_BYTES_PER_PX = 100, 50
 """Besides the plate's own channels, to put the lens on and to take it off; measured
 without depth of field, whose tiles do not grow with the plate."""
+_HEAD_BYTES = 1 << 16
+"""In which an OpenEXR file has its header."""
+_LEAST_BYTES = 512
+"""Of an OpenEXR file that has a picture."""
 
 
 @final
@@ -183,18 +188,12 @@ class FrameRenderer:
         return ()
 
 
-_HEAD_BYTES = 1 << 16
-"""In which an OpenEXR file has its header."""
-_EXR_SIGN, _LEAST_BYTES = b"\x76\x2f\x31\x01", 512
-"""How every OpenEXR file begins, and how long one is at least that has a picture."""
-
-
 def _begins_as_ours(target: Path) -> bool:
     """Whether a file that cannot be read begins as the frames written here do, or ends
     before there could be a picture in it."""
     with target.open("rb") as file:
         head = file.read(_HEAD_BYTES)
-    cut_short = head.startswith(_EXR_SIGN) and len(head) < _LEAST_BYTES
+    cut_short = head.startswith(MAGIC) and len(head) < _LEAST_BYTES
     return not head or cut_short or FINGERPRINT.encode() in head
 
 

@@ -323,21 +323,14 @@ class PlateStraightener:
         self, part: ExrPart, layers: list[ColourLayer], state: PlateState, name: str
     ) -> ExrPart:
         done = self._straightening(state, part)
-        stacks = [stacked_channels(part, layer.names) for layer in layers]
-        for pixels in stacks:
-            self.lens.notes.add(number_note(pixels, name, blurred=False))
-        made = [
-            straight_pixels(
-                pixels,
-                part.data_window,
-                done,
-                self.lens.options.filter,
-            )
-            for pixels in stacks
-        ]
         result = resized_channels(self.lens.restated(part, state), done.window)
-        for layer, pixels in zip(layers, made, strict=True):
-            result = with_channels(result, layer.names, pixels)
+        for layer in layers:
+            pixels = stacked_channels(part, layer.names)
+            self.lens.notes.add(number_note(pixels, name, blurred=False))
+            made = straight_pixels(
+                pixels, part.data_window, done, self.lens.options.filter
+            )
+            result = with_channels(result, layer.names, made)
         lens, geometry = self.lens.lens_at(state), self._geometry(state, part)
         camera = pinhole_camera(lens, geometry, done.window)
         attributes: dict[str, object] = {PINHOLE: camera.text}

@@ -46,10 +46,10 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     aberration, pupil = jax.device_get(optics)
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = dot_data.f_numbers
-    beyond = None
+    offset_mm = None
     if layout.anamorphic:
         found = parameters[layout.blocks["astigmatic_offset"]][: len(dot_data.groups)]
-        beyond = _of_state(found, state, wavefront)
+        offset_mm = _of_state(found, state, wavefront)
     return blur_block(
         aberration,
         pupil,
@@ -63,7 +63,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         round_f_number=numbers[0],
         assumed=() if wavefront.has("exit_pupil") else _assumed(dot_data),
         band_widths_nm=_band_widths_nm(wavefront),
-        beyond_offset_mm=beyond,
+        beyond_offset_mm=offset_mm,
     )
 
 

@@ -7,13 +7,14 @@ still missing whose lens settings are those of the photograph's header.
 A folder is watched for new photographs of a tethered camera.
 """
 
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, final
 
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, ShootError
 from lensfit.io.metadata import CameraState
 from lensfit.io.raw import RAW_SUFFIXES
 from lensfit.units import dioptres_from_mm
@@ -55,6 +56,25 @@ def new_photographs(
             yield path
         before = now
         time.sleep(poll_s)
+
+
+def photographs_of_plan(shoot: Shoot) -> list[Path]:
+    """The photographs of a plan that are there.
+
+    Raises
+    ------
+    ShootError : None of them is.
+    """
+    paths = [shoot.image_path(take) for take in shoot.takes]
+    # Unlike that of `Path`, this says no to names that no file can have.
+    found = [path for path in paths if os.path.exists(path)]
+    if not found:
+        raise ShootError(
+            f"none of its {len(paths)} photographs is there, {paths[0].name} the first",
+            where=shoot.path,
+            remedy="correct the names in its [[take]] tables, or photograph them",
+        )
+    return found
 
 
 def _states(folder: Path) -> dict[Path, tuple[int, int]]:

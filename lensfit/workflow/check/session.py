@@ -168,7 +168,7 @@ class CheckSession:
         coverage = coverage_of(found)
         exposure = exposure_of(photograph, found)
         mapped = lattice_map(found)
-        blur = sharpness = motion = None
+        blur = sharpness = motion = side = sharper = None
         size = feature_pitches(target)
         if mapped is not None:
             blur = directional_blur(photograph, found, mapped, target.kind, size)
@@ -177,7 +177,6 @@ class CheckSession:
             sharpness = sharpness_of(blur, photograph.size_px, unknown)
             squeezed = take is not None and (take.anamorphic_squeeze or 1.0) != 1.0
             motion = None if squeezed else motion_of(blur, photograph.size_px)
-        side, sharper = None, None
         if mapped is not None:
             centre = None if sharpness is None else sharpness.centre_px
             view = _view(photograph, header, take, target, mapped, centre)
@@ -189,7 +188,8 @@ class CheckSession:
         problems += [*sharpening_problems(photograph), *motion_problems(motion)]
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
-        problems += self._problems_of_plan(photograph, header, take)
+        problems += self._repeated(photograph)
+        problems += self._refused(photograph, header, take)
         low, high = found.lattice.min(0), found.lattice.max(0)
         return Check(
             image=photograph.path,
@@ -211,12 +211,10 @@ class CheckSession:
             notes=found.notes,
         )
 
-    def _problems_of_plan(
+    def _refused(
         self, photograph: Photograph, header: CameraState | None, take: Take | None
     ) -> Iterator[Problem]:
-        """A view that was there before, and what `lensfit calibrate` will not take of
-        what is stated of it."""
-        yield from self._repeated(photograph)
+        """What `lensfit calibrate` will not take of what is stated of a view."""
         if self.shoot is None or take is None or take.target is None:
             return
         try:

@@ -5,8 +5,9 @@ A value holds for everything below its table, and the nearest table counts:
     a [[take]], its [[group]], `takes` of its [[target]], [defaults]
 
 A length may be text with its unit, under the key of the plain form or under one without
-"_mm"; focus may be named after `[focus_marks]`; a T-stop is used as f-number where none
-is stated, with a note, since it is larger by what the glass absorbs.
+"_mm"; focus may be named after `[focus_marks]`; a stop may be text as it is engraved
+("f/4", "T2.8"); a T-stop is used as f-number where none is stated, with a note, since
+it is larger by what the glass absorbs.
 
 Any length says its unit, or its key does (`lensfit.io.camera.quantity`). A focal length
 must be possible for the width of its sensor: the shortest fisheyes are a twentieth as
@@ -14,14 +15,14 @@ long as their sensor is wide, the longest telescopes a few hundred times as long
 lies beyond is in metres, or a slip.
 """
 
-import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lensfit._strict import did_you_mean
+from lensfit._strict import did_you_mean, refuse_unknown_keys
 from lensfit.errors import CameraError, ShootError
-from lensfit.io.camera.quantity import written_length_mm
+from lensfit.io.camera.quantity import stop, written_length_mm
 from lensfit.workflow.shoot.shoot_records import (
     LARGEST_F_NUMBER,
     SMALLEST_F_NUMBER,
@@ -73,7 +74,8 @@ def check_focal_length(
 
 
 Tables = dict[str, Any]
-_ENGRAVED = re.compile(r"(?:[fF]/?|[tT]/?)?\s*(\d+(?:\.\d+)?)")
+KEY_OF_STOP = {"F": "f_number", "T": "t_number"}
+"""Of a stop with its letter, in whatever column it stands."""
 _TAKE_LENGTHS = ("focal_length_mm", "focus_distance_mm", "target_distance_mm")
 _TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
 _CAMERA_LENGTHS = ("sensor_width_mm", "sensor_height_mm")
@@ -96,7 +98,7 @@ def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
     ShootError : A length, group or focus mark that is none.
     """
     data = dict(data)
-    _refuse_unknown(data, _TABLES, str(path))
+    refuse_unknown_keys(data, _TABLES, error=ShootError, where=path)
     marks = _focus_marks(data.pop("focus_marks", {}), path)
     defaults = _table(data.pop("defaults", {}), "defaults", path)
     groups = _named(data.pop("group", []), "group", path)
@@ -131,17 +133,16 @@ def _joined(
 ) -> Tables:
     """A take with what its group, its target and the defaults say."""
     own = _with_lengths(take, _TAKE_LENGTHS, place, path)
-    _refuse_unknown(own, _TAKE_KEYS, f"{path}: {place}")
+    refuse_unknown_keys(own, _TAKE_KEYS, error=ShootError, where=f"{path}: {place}")
     name = own.pop("group", None)
     group: Tables = {}
     if name is not None:
         if not isinstance(name, str) or name not in groups:
+            remedy = 'give it a table, [[group]] with name = "..."'
+            if groups:
+                remedy = did_you_mean(str(name), list(groups))
             raise ShootError(
-                f'no group is named "{name}"',
-                where=f"{path}: {place}",
-                remedy=did_you_mean(str(name), list(groups))
-                if groups
-                else 'give it a table, [[group]] with name = "..."',
+                f'no group is named "{name}"', where=f"{path}: {place}", remedy=remedy
             )
         group = groups[name]
     target = own.get("target", group.get("target", defaults.get("target")))
@@ -187,25 +188,28 @@ def _with_focus_mark(
 
 def _with_f_number(take: Tables, notes: dict[str, None], where: str) -> Tables:
     """A T-stop in place of the f-number, where there is none."""
-    stops = {k: _stop(take[k], k, where) for k in ("f_number", "t_number") if k in take}
-    stop = stops.pop("t_number", None)
-    take = {k: v for k, v in take.items() if k != "t_number"} | stops
-    if stop is None or take.get("f_number") is not None:
-        return take
+    stated = [(k, take.pop(k)) for k in ("t_number", "f_number") if k in take]
+    stops = dict(_stop(value, key, where) for key, value in stated)
+    t_stop = stops.pop("t_number", None)
+    if t_stop is None or stops:
+        return take | stops
     notes[
         "T-stops are used as f-numbers: they are larger by what the glass absorbs, up "
         "to a tenth; state f_number where blur is to be measured"
     ] = None
-    return take | {"f_number": stop}
+    return take | {"f_number": t_stop}
 
 
-def _stop(value: Any, key: str, where: str) -> Any:
-    """An f-number or T-stop, also as it is engraved: "f/4", "T2.8"."""
-    if isinstance(value, str) and (engraved := _ENGRAVED.fullmatch(value.strip())):
-        value = float(engraved[1])
-    number = float(value) if type(value) in (int, float) else 0.0
+def _stop(value: Any, key: str, where: str) -> tuple[str, float]:
+    """The key of a stop's kind, whatever key it stands under, and its number."""
+    kind, number = None, 0.0
+    if isinstance(value, str):
+        with suppress(CameraError):
+            kind, number = stop(value, key)
+    elif type(value) in (int, float):  # true is a number to Python
+        number = float(value)
     if SMALLEST_F_NUMBER <= number <= LARGEST_F_NUMBER:
-        return value
+        return KEY_OF_STOP.get(kind or "", key), number
     raise ShootError(
         f"{key} = {value} is none that a lens has",
         where=where,
@@ -282,7 +286,9 @@ def _listed(data: Tables, key: str) -> list[Tables]:
     return [dict(one) for one in found]
 
 
-def _table(table: Any, place: str, path: Path) -> Tables:
+def _table(
+    table: Any, place: str, path: Path, known: Sequence[str] = _SHARED
+) -> Tables:
     """A table of take keys in plain form, or of marks."""
     if not isinstance(table, Mapping):
         raise ShootError("should be a table", where=f"{path}: {place}")
@@ -291,19 +297,8 @@ def _table(table: Any, place: str, path: Path) -> Tables:
     plain = _with_lengths(table, _TAKE_LENGTHS, place, path)
     if "image" in plain:
         raise ShootError("image belongs to one take", where=f"{path}: {place}")
-    _refuse_unknown(plain, _SHARED, f"{path}: {place}")
+    refuse_unknown_keys(plain, known, error=ShootError, where=f"{path}: {place}")
     return plain
-
-
-def _refuse_unknown(table: Tables, known: Sequence[str], where: str) -> None:
-    """Name all keys that a crew may write there, which the plain form has not all."""
-    for key in table:
-        if key not in known:
-            raise ShootError(
-                f'unknown key "{key}"',
-                where=where,
-                remedy=did_you_mean(key, list(known)),
-            )
 
 
 def _named(groups: Any, key: str, path: Path) -> dict[str, Tables]:
@@ -316,9 +311,8 @@ def _named(groups: Any, key: str, path: Path) -> dict[str, Tables]:
         )
     for number, group in enumerate(groups, 1):
         place = f"[[{key}]] {number}"
-        group = dict(group) if isinstance(group, Mapping) else group
-        name = group.pop("name", None) if isinstance(group, dict) else None
-        table = _table(group, place, path)
+        table = _table(group, place, path, (*_SHARED, "name"))
+        name = table.pop("name", None)
         if not isinstance(name, str) or not name or name in named:
             raise ShootError(
                 "needs a name of its own",

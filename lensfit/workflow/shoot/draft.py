@@ -18,15 +18,15 @@ import msgspec
 
 from lensfit.atomic import write_text_atomic
 from lensfit.chart.pattern import Pattern
-from lensfit.errors import OutputError, ShootError
+from lensfit.errors import CameraError, OutputError, ShootError
+from lensfit.io.camera.quantity import stop
 from lensfit.io.camera.slates import Slate, slate_of
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.inspect import Inspection
-from lensfit.workflow.shoot.crew_notation import length_mm
+from lensfit.workflow.shoot.crew_notation import KEY_OF_STOP, length_mm
 from lensfit.workflow.shoot.identified_charts import free_name, target_of_pattern
 from lensfit.workflow.shoot.toml_lines import toml_value
 
-_STOP = re.compile(r"(?P<kind>[TtFf]?)\s*/?\s*(?P<number>\d+(?:\.\d+)?)")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _TEXTS = ("lens_model", "lens_serial")
 
@@ -44,11 +44,12 @@ def slated_values(slate: Slate) -> Mapping[str, float | str]:
         if quantity in _TEXTS:
             values[quantity] = text
         elif quantity in ("f_number", "t_number"):
-            found = _STOP.fullmatch(text)
-            if found is None:
-                raise _wrong(slate, quantity, text, "write T2.8, f/2.8 or 2.8")
-            kind = {"t": "t_number", "f": "f_number"}.get(found["kind"].lower())
-            values[kind or quantity] = float(found["number"])
+            try:
+                kind, value = stop(text, quantity)
+            except CameraError as error:
+                remedy = "write T2.8, f/2.8 or 2.8"
+                raise _wrong(slate, quantity, text, remedy) from error
+            values[KEY_OF_STOP.get(kind or "", quantity)] = value
         elif quantity == "focal_length_mm" and _NUMBER.fullmatch(text):
             values[quantity] = float(text)
         elif _NUMBER.fullmatch(text):

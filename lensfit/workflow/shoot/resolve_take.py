@@ -20,7 +20,7 @@ from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
 DISAGREEMENT = 0.02
 FOCUS_DISAGREEMENT_DIOPTRES = 0.02
 _LARGEST_STRETCH = 3.0
-"""Of photosites: twice what a picture squeezed by an anamorphic lens is stored with."""
+"""Of the sides of a photosite: squeezed pictures are stored with up to 2."""
 
 
 @final
@@ -125,15 +125,16 @@ def _sensor_size(
         )
     aspect = image_size_px[1] / image_size_px[0]
     if height_mm is None:
-        height_mm = width_mm * aspect
-    elif abs(math.log(height_mm / width_mm / aspect)) > math.log(_LARGEST_STRETCH):
+        return (width_mm, width_mm * aspect), notes
+    stretch = height_mm / width_mm / aspect
+    if not 1 / _LARGEST_STRETCH <= stretch <= _LARGEST_STRETCH:
         raise ShootError(
             f"a sensor of {width_mm:g} x {height_mm:g} mm has no photographs of "
             f"{image_size_px[0]} x {image_size_px[1]} px",
             where=where,
             remedy="give sensor_width_mm and sensor_height_mm in millimetres",
         )
-    elif abs(height_mm / width_mm / aspect - 1) > DISAGREEMENT:
+    if abs(stretch - 1) > DISAGREEMENT:
         notes.append(
             f"the sensor is {width_mm:g} x {height_mm:g} mm and the photograph "
             f"{image_size_px[0]} x {image_size_px[1]} px, so photosites are not square"

@@ -142,7 +142,7 @@ def shoot_of(
     tables = convert_strictly(
         data, ShootFile, error=ShootError, where=path, place=array_table_place
     )
-    _check_text(tables, path)
+    _check_names_are_readable(tables, path)
     unconfirmed = unconfirmed_fields(text)
     targets = _by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
@@ -158,7 +158,7 @@ def shoot_of(
     )
 
 
-def _check_text(tables: ShootFile, path: Path) -> None:
+def _check_names_are_readable(tables: ShootFile, path: Path) -> None:
     """Refuse names of nothing that can be seen, or that no file can have."""
     named = {"lens, name": tables.lens.name}
     named |= {f"[[target]] {k}, name": t.name for k, t in enumerate(tables.target, 1)}

@@ -17,11 +17,12 @@ SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.3, 512.0
 """Below the fastest lens that air allows, and beyond the stops of large formats."""
 FNumber = Annotated[float, Meta(ge=SMALLEST_F_NUMBER, le=LARGEST_F_NUMBER)]
 Squeeze = Annotated[float, Meta(ge=0.25, le=4)]
-PitchFloat = Annotated[float, Meta(ge=1e-3, le=1e5)]
+"""Twice what lenses are built with, either way."""
+PitchMm = Annotated[float, Meta(ge=1e-3, le=1e5)]
 """From a micrometre, of charts for microscopes, to a hundred metres."""
 # msgspec 0.22 reads memory it should not when a union joins a number with bounds and a
 # tuple of fixed length, so the length is a bound here.
-PitchPair = Annotated[tuple[PitchFloat, ...], Meta(min_length=2, max_length=2)]
+PitchPairMm = Annotated[tuple[PitchMm, ...], Meta(min_length=2, max_length=2)]
 Name = Annotated[str, Meta(min_length=1)]
 MarkCount = Annotated[int, Meta(ge=5, le=255)]
 
@@ -69,7 +70,7 @@ class Target(Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Name
     kind: Literal["dot-grid", "line-grid", "checkerboard", "circle-grid", "charuco"]
-    pitch_mm: PitchFloat | PitchPair
+    pitch_mm: PitchMm | PitchPairMm
     hole_diameter_mm: PositiveFloat | None = None
     line_width_mm: PositiveFloat | None = None
     polarity: Literal["bright", "dark"] | None = None

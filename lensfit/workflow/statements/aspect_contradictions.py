@@ -61,7 +61,7 @@ def log_stretch(take: View) -> float | None:
 def _sizes(takes: Sequence[View], sizes: Counter) -> Contradiction:
     (usual, _), *unusual = sizes.most_common()
     others = [take for take in takes if take.observations.image_size_px != usual]
-    each = [_of_size(others, size, usual) for size, _ in unusual]
+    each = [_size_text(others, size, usual) for size, _ in unusual]
     text = f"photographs differ in size: {joined(each)}, "
     text += f"the others {usual[0]} x {usual[1]} px"
     return Contradiction(
@@ -75,7 +75,7 @@ def _sizes(takes: Sequence[View], sizes: Counter) -> Contradiction:
     )
 
 
-def _of_size(
+def _size_text(
     takes: Sequence[View], size: tuple[int, int], usual: tuple[int, int]
 ) -> str:
     """Which photographs have this size, and what that may come from."""
