@@ -86,8 +86,7 @@ def sound_findings(report: dict) -> Iterator[Finding]:
             "good",
             "The points reach all of the frame; the map is known to "
             f"{number(max(known), 'px', 2)} (1σ) in its worst corner"
-            f"{_by_what(report)}. Noise is in it, and errors that no residual shows; "
-            "a chart other than stated is not.",
+            f"{_by_what(report)}; a chart other than stated is not in it.",
         )
 
 
@@ -95,7 +94,7 @@ _ERRORS = {
     "detections": "the detections' noise",
     "wavefront": "what the blur leaves open of where chief rays land",
     "statements": "stated distances and focal lengths",
-    "systematic": "what such models usually miss",
+    "systematic": "errors that no residual shows",
 }
 
 

@@ -85,7 +85,7 @@ class Found(NamedTuple):
 
     stage: Stage
     dot_data: DotData
-    beside: None = None
+    unfitted: None = None
 
 
 @pytest.fixture(scope="module")
