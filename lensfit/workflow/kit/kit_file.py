@@ -7,6 +7,7 @@ millimetres; distances are from the sensor plane, as on the barrel. Values under
 
 import math
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
@@ -166,6 +167,9 @@ class Kit(Struct, frozen=True):
 
 
 _SOURCE = "give a kit file in TOML, as notebooks/guide/kit.md describes"
+_SAME_MARK = 0.01
+"""Relative difference below which two marks are one: 4'11" is 1.5 m, and a ring is not
+set more finely."""
 _OF_ONE_LENS = ("name", "serial", "folder")
 _TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
 
@@ -329,6 +333,7 @@ def _check_lens(
             remedy=f"state target: {', '.join(targets)}",
         )
     check_names(lens.target, lens.encoding, targets, where)
+    _check_marks_differ(lens, where)
     for focal_mm in lens.focal_lengths_mm:
         check_focal_length(focal_mm, sensor_width_mm, where)
         distances = [mark.distance_mm for mark in lens.focus_marks]
@@ -339,3 +344,23 @@ def _check_lens(
                 where=where,
                 remedy="distances are from the sensor: at least four focal lengths",
             )
+
+
+def _check_marks_differ(lens: KitLens, where: str) -> None:
+    """Refuse a setting that is listed twice: its photographs would be taken twice, and
+    measured marks would be those of both."""
+    marks = [(mark.engraved, mark.distance_mm) for mark in lens.focus_marks]
+    stops = [(f"{stop:g}", stop) for stop in lens.f_numbers]
+    focals = [(f"{focal:g}", focal) for focal in lens.focal_lengths_mm]
+    for key, settings, same in (
+        ("focus_marks", marks, _SAME_MARK),
+        ("f_numbers", stops, 0.0),
+        ("focal_lengths_mm", focals, 0.0),
+    ):
+        for (one, its), (other, others) in combinations(settings, 2):
+            if not math.isclose(its, others, rel_tol=same):
+                continue
+            twice = f"{key} lists {one} twice"
+            if one != other:
+                twice = f"{key} lists {one} and {other}, which are one mark"
+            raise ShootError(twice, where=where, remedy="keep one of them")

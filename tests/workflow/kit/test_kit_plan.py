@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,38 @@ def test_marks_are_read_as_engraved(tmp_path: Path):
     found = {v.mark: v.focus_distance_mm for v in views}
     assert found["4'11\""] == pytest.approx(59 * 25.4)
     assert math.isinf(found["inf"])
+
+
+@pytest.mark.parametrize(
+    ("key", "listed", "said"),
+    [
+        ("focus_marks", '["1.12 m", "6\'", "1.12 m"]', "lists 1.12 m twice"),
+        ("focus_marks", '["6\'", "inf", "inf"]', "lists inf twice"),
+        (
+            "focus_marks",
+            '["4\'11\\"", "1.5 m"]',
+            "lists 4'11\" and 1.5 m, which are one",
+        ),
+        (
+            "focus_marks",
+            '["3\'3\\"", "1 m"]',
+            "lists 3'3\" and 1 m, which are one mark",
+        ),
+        ("f_numbers", "[2.8, 5.6, 2.8]", "lists 2.8 twice"),
+    ],
+)
+def test_a_setting_is_listed_once(tmp_path: Path, key: str, listed: str, said: str):
+    held = re.sub(rf"^{key} = .*$", lambda _: f"{key} = {listed}", KIT, flags=re.M)
+    with pytest.raises(ShootError, match=re.escape(f"{key} {said}")) as refused:
+        planned(tmp_path, held)
+    assert "[[lens]] 1 (Wide 28)" in str(refused.value)
+    assert refused.value.remedy == "keep one of them"
+
+
+def test_marks_as_near_as_barrels_have_them_are_two(tmp_path: Path):
+    marks = """focus_marks = ["8'", "8'1\\"", "20 m", "30 m", "inf"]"""
+    text = re.sub(r"^focus_marks = .*$", lambda _: marks, KIT, flags=re.M)
+    assert len(planned(tmp_path, text)[0].views) == 5 + 1
 
 
 def test_light_goes_as_the_square_of_n_times_one_plus_m(tmp_path: Path):
