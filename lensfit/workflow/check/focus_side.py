@@ -7,7 +7,8 @@ smaller, and those focused beyond it the opposite; the lens' design decides whic
 view whose image changed as those of the *other* side contradicts its statement.
 
 Only views of the same standing target can be compared: the matrix of pixels per pitch
-at the middle of the frame must agree but for its size.
+at the middle of the frame must agree but for its size. Blur and image size are in
+pixels, so photographs of another size are not compared.
 """
 
 import math
@@ -38,6 +39,7 @@ class View:
     name : As messages name it.
     target : Of the shoot file, or the chart's description.
     focal_length_mm, focus_distance_mm, target_distance_mm : As stated; None if not.
+    image_size_px : Width and height of the photograph.
     cell_px : Pixels per pitch at the middle of the frame: columns along i and j.
     blur_px : Diameter of the blur at the centre of the frame; None if not measured.
     """
@@ -48,6 +50,7 @@ class View:
     f_number: float | None
     focus_distance_mm: float | None
     target_distance_mm: float | None
+    image_size_px: tuple[int, int]
     cell_px: Float[np.ndarray, "2 2"]
     blur_px: float | None
 
@@ -116,8 +119,9 @@ def _agreement(
 
 
 def _comparable(view: View, other: View) -> bool:
-    """Same target, same focal length, same pose but for the size of the image."""
-    if view.target != other.target or view.focal_length_mm != other.focal_length_mm:
+    """Same target, focal length and pixels, same pose but for the size of the image."""
+    alike = ("target", "focal_length_mm", "image_size_px")
+    if any(getattr(view, key) != getattr(other, key) for key in alike):
         return False
     mine, theirs = view.cell_px / view.size_px, other.cell_px / other.size_px
     return bool(np.abs(mine - theirs).max() < _SAME_POSE)

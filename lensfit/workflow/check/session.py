@@ -48,6 +48,7 @@ from lensfit.workflow.check.sentences import (
 from lensfit.workflow.shoot.identified_charts import target_of_pattern
 from lensfit.workflow.shoot.resolve_take import resolve_take
 from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
+from lensfit.workflow.statements.aspect_contradictions import size_contradiction
 
 _UNSTATED_KINDS = ("dot-grid", "checkerboard", "line-grid")
 """Kinds that are tried where neither a shoot file nor the chart says which."""
@@ -70,6 +71,8 @@ class CheckSession:
     views: list[View] = field(default_factory=list)
     judged: dict[str, tuple[Level, Path]] = field(default_factory=dict)
     _hashes: dict[str, str] = field(default_factory=dict)
+    _sizes_px: dict[str, tuple[Path, tuple[int, int]]] = field(default_factory=dict)
+    _of_named_size: set[str] = field(default_factory=set)
 
     @threadpool_limits.wrap(limits=1, user_api="blas")
     def check(self, path: str | Path) -> Check:
@@ -189,6 +192,7 @@ class CheckSession:
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
         problems += self._repeated(photograph)
+        problems += self._differing_sizes(photograph, take)
         problems += self._refused(photograph, header, take)
         low, high = found.lattice.min(0), found.lattice.max(0)
         return Check(
@@ -233,6 +237,25 @@ class CheckSession:
                 f"holds the very exposure of {first}",
                 "shoot another view: a copy adds nothing",
             )
+
+    def _differing_sizes(
+        self, photograph: Photograph, take: Take | None
+    ) -> Iterator[Problem]:
+        """Photographs of another size than most, as `lensfit calibrate` names them; one
+        that came first is named beside the one that shows it. Those that were deleted
+        since do not count."""
+        name = str(photograph.path) if take is None else take.image
+        self._sizes_px[name] = photograph.path, photograph.size_px
+        there = {k: size for k, (path, size) in self._sizes_px.items() if path.exists()}
+        differ = size_contradiction(there)
+        if differ is None:
+            return
+        unusual = set(differ.images)
+        if name in unusual:
+            yield Problem("photograph_size", "bad", differ.text, differ.remedy)
+        elif unusual - self._of_named_size:
+            yield Problem("photograph_size", "caution", differ.text, differ.remedy)
+        self._of_named_size |= unusual
 
 
 def feature_pitches(target: Target) -> float | None:
@@ -300,6 +323,7 @@ def _view(
         f_number=stated("f_number"),
         focus_distance_mm=stated("focus_distance_mm"),
         target_distance_mm=None if take is None else take.target_distance_mm,
+        image_size_px=photograph.size_px,
         cell_px=cell,
         blur_px=blur_px,
     )

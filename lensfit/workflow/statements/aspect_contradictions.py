@@ -8,7 +8,7 @@ in each view.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -26,9 +26,9 @@ _MOST_NAMES = 3
 
 def aspect_contradictions(takes: Sequence[View]) -> Iterator[Contradiction]:
     """Of all views of a shoot, the sizes first, then the stretch of each target."""
-    sizes = Counter(take.observations.image_size_px for take in takes)
-    if len(sizes) > 1:
-        yield _sizes(takes, sizes)
+    of_size = size_contradiction({t.name: t.observations.image_size_px for t in takes})
+    if of_size is not None:
+        yield of_size
         return
     for target in dict.fromkeys(take.target for take in takes):
         mine = [take for take in takes if take.target == target]
@@ -58,28 +58,40 @@ def log_stretch(take: View) -> float | None:
     return float(np.log(across / down * take.squeeze))
 
 
-def _sizes(takes: Sequence[View], sizes: Counter) -> Contradiction:
-    (usual, _), *unusual = sizes.most_common()
-    others = [take for take in takes if take.observations.image_size_px != usual]
-    each = [_size_text(others, size, usual) for size, _ in unusual]
+def size_contradiction(
+    sizes_px: Mapping[str, tuple[int, int]],
+) -> Contradiction | None:
+    """Photographs whose size is not that of most; of as many, not that of the first.
+
+    Parameters
+    ----------
+    sizes_px : Width and height by the photograph's name.
+    """
+    (usual, _), *unusual = Counter(sizes_px.values()).most_common()
+    if not unusual:
+        return None
+    others = [size for size, _ in unusual]
+    each = [_size_text(sizes_px, size, usual) for size in others]
     text = f"photographs differ in size: {joined(each)}, "
     text += f"the others {usual[0]} x {usual[1]} px"
     return Contradiction(
         kind="photograph_size",
-        limit="look" if usual[::-1] in sizes else "undistortion",
+        limit="look" if usual[::-1] in others else "undistortion",
         text=text,
         remedy="give all photographs as the camera wrote them, in one mode and the "
         "same way up",
         statement="sensor_width_mm",
-        images=tuple(take.name for take in others),
+        images=tuple(name for name, size in sizes_px.items() if size != usual),
     )
 
 
 def _size_text(
-    takes: Sequence[View], size: tuple[int, int], usual: tuple[int, int]
+    sizes_px: Mapping[str, tuple[int, int]],
+    size: tuple[int, int],
+    usual: tuple[int, int],
 ) -> str:
     """Which photographs have this size, and what that may come from."""
-    names = [take.name for take in takes if take.observations.image_size_px == size]
+    names = [name for name, one in sizes_px.items() if one == size]
     named = joined(names[:_MOST_NAMES])
     more = len(names) - _MOST_NAMES
     named += f" and {more} more" * (more > 0)

@@ -157,6 +157,64 @@ def test_stated_in_focus_but_blurrier_than_out_of_focus(tmp_path):
     assert judged.level == "bad"
 
 
+def shrunk(path: Path, factor: float) -> None:
+    """The photograph saved again with fewer pixels."""
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    small = cv2.resize(
+        picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA
+    )
+    cv2.imwrite(str(path), small)
+
+
+def test_a_photograph_of_another_size_is_named_and_its_blur_not_compared(tmp_path):
+    """Half as many pixels halve a blur in pixels: no view is sharper by that."""
+    shoot = load_shoot(breathing_shoot(tmp_path, STATED))
+    shrunk(tmp_path / "far.png", 0.5)
+    session = CheckSession(shoot)
+    names = ("far.png", "in.png", "near.png", "far2.png")
+    odd, *others = [session.check(tmp_path / name) for name in names]
+    assert odd.level == "good"
+    first, second, third = [
+        [p for p in one.problems if p.kind == "photograph_size"] for one in others
+    ]
+    # Of two nobody knows which is the odd one; the third decides, and it is named once.
+    assert "in.png is 800 x 600 px (scaled, or" in first[0].text
+    assert "far.png is 400 x 300 px" in second[0].text
+    assert second[0].level == "caution"
+    assert third == []
+    near = others[1].focus
+    assert near is not None
+    assert near.reference == "in.png"
+    assert {p.kind for one in others for p in one.problems} == {"photograph_size"}
+    again = session.check(tmp_path / "far.png")
+    assert again.level == "bad"
+    assert [p.kind for p in again.problems] == ["photograph_size"]
+    assert again.focus is not None
+    assert again.focus.reference == "far.png"
+
+
+def test_a_smaller_photograph_is_not_sharper(tmp_path):
+    """In focus at full size, out of focus at a quarter of it."""
+    shoot = load_shoot(breathing_shoot(tmp_path, STATED))
+    shrunk(tmp_path / "far2.png", 0.25)
+    session = CheckSession(shoot)
+    session.check(tmp_path / "far2.png")
+    judged = session.check(tmp_path / "in.png")
+    assert "focus" not in [problem.kind for problem in judged.problems]
+
+
+def test_a_photograph_taken_anew_is_no_longer_of_another_size(tmp_path):
+    shoot = load_shoot(breathing_shoot(tmp_path, STATED))
+    right = (tmp_path / "near.png").read_bytes()
+    shrunk(tmp_path / "near.png", 0.75)
+    session = CheckSession(shoot)
+    session.check(tmp_path / "in.png")
+    assert session.check(tmp_path / "near.png").level == "bad"
+    (tmp_path / "near.png").write_bytes(right)
+    assert session.check(tmp_path / "near.png").level == "good"
+
+
 def test_sharpness_is_the_drawn_blur_in_every_zone(tmp_path):
     shoot = load_shoot(breathing_shoot(tmp_path, STATED))
     judged = CheckSession(shoot).check(tmp_path / "near.png")
