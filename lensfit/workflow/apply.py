@@ -9,14 +9,15 @@ describes the rendering of a frame.
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
 from lensfit.atomic import remove_abandoned
-from lensfit.errors import LensfitError
+from lensfit.errors import ImageError, LensfitError
 from lensfit.io.sequence import (
     expand_frames,
+    frame_of,
     frame_path,
     output_path,
     parse_frames,
@@ -100,11 +101,14 @@ def apply(
         raise ValueError(f"{workers} workers render nothing")
     start = time.perf_counter()
     options = options or ApplyOptions()
-    pictures, gaps = _pictures(plates, frames)
+    pattern, own = split_pattern(plates)
+    stated = own if frames is None else frames
+    pictures, gaps = _pictures(pattern, stated)
     outcomes: list[FrameOutcome | None] = [None] * len(pictures)
     progress("frames", 0, len(pictures))
     with _outcomes(preset, options, pictures, Path(out_dir), workers) as finished:
-        for done, (index, outcome) in enumerate(finished, 1):
+        for done, (index, found) in enumerate(finished, 1):
+            outcome = _named_if_absent(found, pictures[index], stated)
             outcomes[index] = outcome
             if frame_done is not None:
                 frame_done(pictures[index], outcome, done, len(pictures))
@@ -157,11 +161,9 @@ def _gather(applied: Applied, outcome: FrameOutcome) -> None:
     applied.notes += notes_of_new_topics(outcome.notes, applied.notes)
 
 
-def _pictures(plates: str | Path, frames: str | None) -> tuple[list[Path], list[str]]:
+def _pictures(pattern: Path, frames: str | None) -> tuple[list[Path], list[str]]:
     """Files to render, and a note where some are missing between those that exist;
     those of a stated range that do not exist fail on their own."""
-    pattern, own = split_pattern(plates)
-    frames = own if frames is None else frames
     if frames is None:
         found = expand_frames(pattern)
         gaps = gaps_note(pattern, [n for n, _ in found if n is not None])
@@ -172,3 +174,18 @@ def _pictures(plates: str | Path, frames: str | None) -> tuple[list[Path], list[
     if single or not any(path.is_file() for path in paths):
         paths = [path for _, path in expand_frames(pattern, frames)]  # says what lacks
     return paths, []
+
+
+def _named_if_absent(
+    outcome: FrameOutcome, path: Path, frames: str | None
+) -> FrameOutcome:
+    """The failure of a frame that is not there, in words of the range that has it. One
+    that appears before its turn is rendered, so this is known afterwards only."""
+    if outcome.failure is None or frames is None or path.exists():
+        return outcome
+    absent = ImageError(
+        f"frame {frame_of(path)} of the stated frames {frames} does not exist",
+        where=path,
+        remedy="render it first, or leave it out of the range (--frames)",
+    )
+    return replace(outcome, failure=str(absent))

@@ -132,7 +132,10 @@ def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
     assert [p.name for p in applied.written] == ["plate.0001.exr", "plate.0004.exr"]
     assert len(applied.failures) == 2
     assert "plate.0002.exr" in applied.failures[0]
-    assert "plate.0003.exr" in applied.failures[1]
+    assert applied.failures[1] == (
+        f"{tmp_path / 'plate.0003.exr'}: frame 3 of the stated frames 1-4 does not "
+        "exist; render it first, or leave it out of the range (--frames)"
+    )
     assert told[-1] == ("frames", 4, 4)
     assert len(list((tmp_path / "out").iterdir())) == 2  # nothing half-written
 
@@ -144,6 +147,22 @@ def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
     assert [p.name for p in again.written] == ["plate.0002.exr"]
     assert len(again.skipped) == 2
     assert applied.written[0].stat().st_mtime_ns == before
+
+
+def test_a_frame_absent_from_the_range_of_the_pattern_is_named_by_it(tmp_path):
+    write_plate(tmp_path / "plate.0001.exr")
+    pattern = tmp_path / "plate.1-2####.exr"
+    told = []
+    applied = apply(
+        make_preset(),
+        pattern,
+        tmp_path / "out",
+        options=sharp(),
+        frame_done=lambda _, outcome, *counts: told.append(outcome.failure),
+    )
+    (failure,) = applied.failures
+    assert "frame 2 of the stated frames 1-2 does not exist" in failure
+    assert told == [None, failure]
 
 
 def test_frames_follow_their_own_metadata_and_overrides_count_more(tmp_path):
