@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 
 from lensfit.detect.corners import find_charuco, find_checkerboard
+from lensfit.detect.dot_checks import primitive_cells
 from lensfit.detect.dots import find_dots
 from lensfit.detect.lines import find_lines
 from lensfit.detect.observations import Observations, only
+from lensfit.detect.second_chart import larger_chart
 from lensfit.errors import DetectionError
 from lensfit.photograph import Photograph
 
@@ -24,6 +26,7 @@ SMALLEST_REGION_PX = 32
 MOSTLY = 0.5
 """Part of the picture, or of the marks, from which clipping is to blame or to note."""
 LITTLE_OF_THE_FRAME = 0.25
+_LATTICES_OF_POINTS = ("dot-grid", "checkerboard", "circle-grid")
 
 
 def observe(
@@ -56,10 +59,11 @@ def observe(
             where=photograph.path,
             remedy=f"use one of {', '.join(KINDS)}",
         )
+    board = board or {}
     part, corner = _cut_out(photograph, roi)
     _refuse_blank(part, kind)
     try:
-        found = _find(part, kind, polarity, board or {})
+        found = _find(part, kind, polarity, board)
     except DetectionError as error:
         raise _blame_exposure(part, error) from error
     found = _in_whole_photograph(found, photograph, corner, roi)
@@ -69,7 +73,36 @@ def observe(
             where=photograph.path,
             remedy="make the region larger",
         )
-    return replace(found, notes=found.notes + _notes(photograph, kind, found, board))
+    found, of_another = _without_second_chart(
+        found, kind, bool(board.get("asymmetric"))
+    )
+    notes = found.notes + of_another + _notes(photograph, kind, found, board)
+    return replace(found, notes=notes)
+
+
+def _without_second_chart(
+    found: Observations, kind: str, asymmetric: bool
+) -> tuple[Observations, tuple[str, ...]]:
+    """The larger of two charts whose lattices join, and what was left out; points of
+    lines are numbered along them, and squares of a ChArUco board by their markers."""
+    if kind not in _LATTICES_OF_POINTS:
+        return found, ()
+    cells = primitive_cells(np.rint(found.lattice).astype(int), asymmetric)
+    larger = larger_chart(cells, found.points_px)
+    if larger is None:
+        return found, ()
+    lost = found.points_px[~larger]
+    (x0, y0), (x1, y1) = np.floor(lost.min(0)), np.ceil(lost.max(0))
+    note = (
+        f"Two charts are in the picture and join to one grid; {len(lost)} of "
+        f"{len(larger)} marks, between x {x0:.0f} to {x1:.0f} and y {y0:.0f} to "
+        f"{y1:.0f} px, are of the smaller one and left out; take it away, or state roi."
+    )
+    kept = only(found, larger)
+    least = kept.lattice.min(0)
+    if asymmetric:
+        least -= [0, least.sum() % 2]  # keep i + j even
+    return replace(kept, lattice=kept.lattice - least), (note,)
 
 
 def _find(
