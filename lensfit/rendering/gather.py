@@ -8,7 +8,9 @@ coverages along one ray
 
 and the pixel is the weighted mean of its rays. Visibility is decided for each ray
 separately: a leaf cuts the disc of a lamp behind it, and both sides of an outline blur
-by their own distances.
+by their own distances. Where the blur is small, surfaces are read by a cubic, which
+swings below zero beside an outline; a pixel whose rays meet no negative colour is held
+above zero, as `lensfit.rendering.warp` holds it.
 
 A surface has its own distance at each pixel. The crossing of a ray is found by two
 fixed-point steps: read the distance at the present crossing, and recompute the
@@ -54,8 +56,8 @@ class PackedSurfaces(NamedTuple):
     ----------
     pixels : Premultiplied r g b a of all surfaces, one after the other.
     radii : Signed radius of blur of each of their pixels, px.
-    counts : Summed-area tables of their blocks: how many hold anything, and how many
-        one can see through.
+    counts : Summed-area tables of their blocks: how many hold anything, how many one
+        can see through, and how many hold a colour below zero.
     table : For each surface, where it starts in `pixels` (in pixels), its size, plate
         pixels per pixel, where it starts in `radii` (-1 for none), where its counts
         start and how wide they are, whether it is read by a cubic, and row and column
@@ -66,7 +68,7 @@ class PackedSurfaces(NamedTuple):
 
     pixels: Float32[np.ndarray, " values"]
     radii: Float32[np.ndarray, " pixels"]
-    counts: Int32[np.ndarray, "corners 2"]
+    counts: Int32[np.ndarray, "corners 3"]
     table: Int32[np.ndarray, "surfaces 10"]
     extent_px: Float32[np.ndarray, "surfaces 5"]
 
@@ -107,7 +109,7 @@ def gather(
             size = min(TILE, rows[1] - top), min(TILE, picture.shape[1] - left)
             middle = place_px[0] + left + TILE / 2, place_px[1] + top + TILE / 2
             _rays_at(rays, few, few[1].shape[0] // 2, middle, node_px)
-            found, moved, least, most = _surfaces_met(
+            found, moved, least, most, is_negative = _surfaces_met(
                 met, rays, few[1].shape[3], surfaces, corner, (top, left), size
             )
             if moved <= limits[0]:
@@ -142,6 +144,7 @@ def gather(
                 step,
                 channels,
                 limits[2],
+                is_negative,
             )
 
 
@@ -227,8 +230,9 @@ def _rays_at(rays, field, channel, middle, node_px):
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
 def _surfaces_met(met, rays, count, surfaces, corner, at, size):
     """Surfaces that rays of a tile can meet, as far as one sees: how many, how far any
-    ray is led, and the least and greatest radius of their spots."""
-    found, furthest = 0, np.float32(0)
+    ray is led, the least and greatest radius of their spots, and whether a colour of
+    theirs is below zero there."""
+    found, furthest, is_negative = 0, np.float32(0), False
     least, most = _NOTHING, np.float32(0)
     for surface in range(surfaces.table.shape[0]):
         x_low = y_low = _NOTHING
@@ -245,7 +249,7 @@ def _surfaces_met(met, rays, count, surfaces, corner, at, size):
         spare = np.float32(0.35) * moved + 2 * surfaces.table[surface, SCALE]
         top = corner[0] + at[0] - surfaces.table[surface, TOP]
         left = corner[1] + at[1] - surfaces.table[surface, LEFT]
-        holds, opens = counted(
+        holds, opens, below_zero = counted(
             surfaces,
             surface,
             (top + y_low - spare, left + x_low - spare),
@@ -255,12 +259,13 @@ def _surfaces_met(met, rays, count, surfaces, corner, at, size):
             continue
         met[found] = surface
         found += 1
+        is_negative |= below_zero
         furthest = max(furthest, moved)
         least = min(least, surfaces.extent_px[surface, SPOT_LEAST])
         most = max(most, surfaces.extent_px[surface, SPOT_MOST])
         if not opens:
             break
-    return found, furthest, least, most
+    return found, furthest, least, most, is_negative
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
@@ -269,9 +274,9 @@ def counted(
     surface: int,
     low: tuple[float, float],
     high: tuple[float, float],
-) -> tuple[bool, bool]:
-    """Whether a surface has anything in a rectangle (corners y, x), and whether one can
-    see through it anywhere there."""
+) -> tuple[bool, bool, bool]:
+    """Whether a surface has anything in a rectangle (corners y, x), whether one can see
+    through it anywhere there, and whether a colour of it is below zero there."""
     row = surfaces.table[surface]
     tall, wide = row[HEIGHT] * row[SCALE], row[WIDTH] * row[SCALE]
     # Beyond its border a surface goes on as it is there.
@@ -282,14 +287,19 @@ def counted(
     x1 = min(max(int(high[1]) // BLOCK + 1, x0 + 1), blocks_x)
     start, stride = row[COUNT_START], row[COUNT_WIDTH]
     a, b = start + y0 * stride, start + y1 * stride
-    counts = surfaces.counts
-    holds = (
-        counts[b + x1, 0] - counts[a + x1, 0] - counts[b + x0, 0] + counts[a + x0, 0]
+    ends = a + x0, a + x1, b + x0, b + x1
+    return (
+        _are_any(surfaces.counts, ends, 0),
+        _are_any(surfaces.counts, ends, 1),
+        _are_any(surfaces.counts, ends, 2),
     )
-    opens = (
-        counts[b + x1, 1] - counts[a + x1, 1] - counts[b + x0, 1] + counts[a + x0, 1]
-    )
-    return holds > 0, opens > 0
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def _are_any(counts, ends, kind):
+    """Whether a rectangle of a summed-area table holds any block of a kind."""
+    a, b, c, d = ends
+    return counts[d, kind] - counts[b, kind] - counts[c, kind] + counts[a, kind] > 0
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
@@ -355,18 +365,23 @@ def _add(light, crossed, points, surfaces, surface, channel, channels):
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _fill(picture, light, at, size, points, across, step, channels, is_whole):
+def _fill(
+    picture, light, at, size, points, across, step, channels, is_whole, is_negative
+):
     """Pixels of a tile from its points, linear between them."""
+    zero = np.float32(0)
     for n in range(3):
         cover = light[3 + n] if channels > 1 else light[3]
         for i in range(points):
             # A cubic swings a little beyond full coverage beside an outline.
             if (is_whole and cover[i] > 0) or cover[i] > 1:
                 light[n, i] /= cover[i]
+            if not is_negative:
+                light[n, i] = max(light[n, i], zero)
     covered = light[4] if channels > 1 else light[3]
     for i in range(points):
         most = np.float32(1)
-        covered[i] = most if is_whole else min(max(covered[i], np.float32(0)), most)
+        covered[i] = most if is_whole else min(max(covered[i], zero), most)
     for j in range(size[0]):
         row = j // step
         v = np.float32(j - row * step) / np.float32(step)

@@ -52,7 +52,7 @@ def packed_surfaces(
         if not surface.is_even:
             radii.append(surface.radius_px.ravel())
             starts[1] += height * width
-        counts.append(table_of_counts.reshape(-1, 2))
+        counts.append(table_of_counts.reshape(-1, table_of_counts.shape[-1]))
         starts[0] += height * width
         starts[2] += len(counts[-1])
     none = [np.zeros(1, np.float32)]
@@ -131,22 +131,30 @@ def _shrunk_radii(surface: Surface, rgba: np.ndarray, scale: int) -> np.ndarray:
 
 
 def _counts(surface: Surface) -> np.ndarray:
-    """Summed-area table of blocks of the plate that hold anything, and of those that
-    one can see through."""
-    alpha = surface.rgba[..., 3]
-    side = max(BLOCK // surface.scale, 1)
-    height, width = (n * surface.scale for n in alpha.shape)
-    blocks = -(-height // BLOCK), -(-width // BLOCK)
-    more = blocks[0] * side - alpha.shape[0], blocks[1] * side - alpha.shape[1]
-    if surface.scale > BLOCK:
-        times = surface.scale // BLOCK
-        alpha = alpha.repeat(times, 0).repeat(times, 1)[: blocks[0], : blocks[1]]
-    else:
-        alpha = np.pad(alpha, ((0, more[0]), (0, more[1])), mode="edge")
-    cells = alpha.reshape(blocks[0], side, blocks[1], side)
-    holds = cells.max((1, 3)) > _SEEN
-    shows_through = cells.min((1, 3)) < 1 - _SEEN
-    table = np.zeros((blocks[0] + 1, blocks[1] + 1, 2), np.int32)
-    both = np.stack([holds, shows_through], -1).astype(np.int32)
-    table[1:, 1:] = both.cumsum(0).cumsum(1)
+    """Summed-area table of blocks of the plate that hold anything, of those that one
+    can see through, and of those with a colour below zero."""
+    alpha = _blocks(surface.rgba[..., 3], surface.scale)
+    darkest = _blocks(surface.rgba[..., :3].min(-1), surface.scale)
+    holds = alpha.max((1, 3)) > _SEEN
+    shows_through = alpha.min((1, 3)) < 1 - _SEEN
+    is_negative = darkest.min((1, 3)) < 0
+    rows, columns = holds.shape
+    table = np.zeros((rows + 1, columns + 1, 3), np.int32)
+    every = np.stack([holds, shows_through, is_negative], -1).astype(np.int32)
+    table[1:, 1:] = every.cumsum(0).cumsum(1)
     return table
+
+
+def _blocks(plane: np.ndarray, scale: int) -> np.ndarray:
+    """Pixels of a surface by blocks of the plate: row and column of a block are axes 0
+    and 2. The border goes on to fill the last."""
+    side = max(BLOCK // scale, 1)
+    height, width = (n * scale for n in plane.shape)
+    blocks = -(-height // BLOCK), -(-width // BLOCK)
+    if scale > BLOCK:
+        times = scale // BLOCK
+        plane = plane.repeat(times, 0).repeat(times, 1)[: blocks[0], : blocks[1]]
+    else:
+        more = blocks[0] * side - plane.shape[0], blocks[1] * side - plane.shape[1]
+        plane = np.pad(plane, ((0, more[0]), (0, more[1])), mode="edge")
+    return plane.reshape(blocks[0], side, blocks[1], side)

@@ -221,6 +221,23 @@ def test_alpha_blurs_with_its_colour():
     assert np.abs(found - blurred(picture, 6.0)).max() < 3e-3
 
 
+@pytest.mark.parametrize("radius", [0.6, 1.2])
+def test_no_light_is_taken_off_beside_a_sharp_outline(radius: float):
+    """A little out of focus surfaces are read by a cubic, which swings below zero."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    cover = np.clip(30.5 - np.hypot(x - WIDTH / 2, y - HEIGHT / 2), 0, 1)
+    element = np.stack([0.9 * cover, 0.5 * cover, 0.7 * cover, cover], -1)
+    element = element.astype(np.float32)
+    found = render(element, depth_plane(radius), LENS)
+    assert found.min() >= 0
+    assert found.sum((0, 1)) == pytest.approx(element.sum((0, 1)), rel=1e-3)
+    # What is below zero itself, as black levels taken off noise are, stays so.
+    below = element.copy()
+    below[:24, :24, :3] = -0.25
+    kept = render(below, depth_plane(radius), LENS)
+    assert kept[4:16, 4:16, :3] == pytest.approx(-0.25, abs=1e-4)
+
+
 def test_the_border_of_a_plate_with_overscan_is_not_darkened():
     window = FRAME.grown(20, 20)
     picture = np.full((HEIGHT + 40, WIDTH + 40, 3), 0.5, np.float32)
