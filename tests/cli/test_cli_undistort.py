@@ -115,6 +115,47 @@ EFFECTS = {
 }
 
 
+ELEMENT = Window(60, 40, 139, 159)
+"""Ends inside the frame on its left, top and right; its last row is the frame's."""
+
+
+def element_of(path):
+    """White and opaque over all of its data window."""
+    one = np.ones((ELEMENT.height, ELEMENT.width))
+    return photograph(path, dict.fromkeys("RGBA", one), ELEMENT)
+
+
+def test_an_element_is_not_continued_into_the_emptiness_about_it(tmp_path, lens):
+    part = straight(tmp_path, element_of(tmp_path / "element.exr"))
+    at = distorted_px(lens, part.data_window)
+    # The filter reads three pixels beside a position.
+    beyond = (at[..., 0] < ELEMENT.x_min - 3) | (at[..., 0] > ELEMENT.x_max + 4)
+    beyond |= at[..., 1] < ELEMENT.y_min - 3
+    within = (at[..., 0] > ELEMENT.x_min + 3) & (at[..., 0] < ELEMENT.x_max - 2)
+    within &= (at[..., 1] > ELEMENT.y_min + 3) & (at[..., 1] < FRAME.y_max + 7)
+    assert within.any()
+    for name in "RGBA":
+        light = part.channels[name]
+        assert not light[beyond].any()
+        # Below, the photograph goes on: its last row lies at the frame's border.
+        np.testing.assert_allclose(light[within], 1.0, atol=1e-5)
+        assert light.min() >= 0
+    assert part.channels["A"].max() <= 1
+    x, y = distorted_px(lens, part.data_window)[0, 0]
+    assert x > ELEMENT.x_min - 4
+    assert y > ELEMENT.y_min - 4
+    assert at[-1, :, 1].max() > FRAME.y_max + 5
+
+
+def test_coverage_stays_below_one_where_its_edge_is_sharp(tmp_path, lens):
+    planes = dict.fromkeys("RGBA", np.zeros((FRAME.height, FRAME.width)))
+    disc = np.hypot(*np.moveaxis(FRAME.pixel_centres() - [120, 80], -1, 0)) < 50
+    path = photograph(tmp_path / "disc.exr", {n: disc * 1.0 for n in planes})
+    part = straight(tmp_path, path)
+    assert part.channels["A"].min() >= 0
+    assert part.channels["A"].max() <= 1
+
+
 @pytest.mark.parametrize("effects", EFFECTS)
 def test_apply_is_the_inverse(tmp_path, lens, effects):
     """In position by ramps, in level by a picture as sharp as lenses make them."""

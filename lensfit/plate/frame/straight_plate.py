@@ -3,9 +3,11 @@
 Each pixel of the straight picture reads the photograph where the lens images it.
 Distortion makes the picture larger or smaller, so the data window becomes that of the
 whole photograph, straightened, with a margin of `SPARE_PX` pixels continued from the
-photograph's own border for the filter of a later distortion. If wanted, each channel
-reads by its own map (which removes lateral colour) and the photograph is divided by its
-fall-off first (light lost on the sensor belongs to where it landed).
+photograph's own border for the filter of a later distortion. Where the data window
+ends inside the display window, the picture is empty beyond (`frame.tight_window`), and
+is not continued. If wanted, each channel reads by its own map (which removes lateral
+colour) and the photograph is divided by its fall-off first (light lost on the sensor
+belongs to where it landed).
 
 The result is a pinhole picture. Its camera stands in the header (`Pinhole`).
 """
@@ -29,6 +31,7 @@ from lensfit.plate.frame.flat_plate import layers_to_render, stacked_channels
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import number_note
 from lensfit.plate.frame.provenance import UNDISTORTED, part_with_signature
+from lensfit.plate.frame.tight_window import EmptyRing, known_window
 from lensfit.plate.plate_file import ColourLayer, resized_channels
 from lensfit.rendering.falloff import apply_gain, illumination_gain
 from lensfit.rendering.filters import Filter, longest_reach
@@ -43,6 +46,9 @@ SPARE_PX = longest_reach() + 1
 """As wide as any filter reads, and the map's own error."""
 MOST_GROWTH = 3.0
 """Width of a straight picture over that of its frame; a wider one is stated."""
+_ALPHA = 3
+_EMPTY_PX = 1
+"""The same beside emptiness: the border's own pixels fade within it."""
 _BORDER_POINTS = 512
 
 
@@ -85,6 +91,7 @@ class Straightening:
     Attributes
     ----------
     window : Pixels of the straight picture.
+    ring : Emptiness about the photograph, where it ends inside the display window.
     maps : Where red, green and blue read the photograph; the same object where they
         share one.
     gains : Relative illumination over the photograph; None where it stays.
@@ -93,6 +100,7 @@ class Straightening:
     """
 
     window: Window
+    ring: EmptyRing
     maps: tuple[SourceMap, SourceMap, SourceMap]
     gains: tuple[Float32[np.ndarray, "height width"] | None, ...]
     beyond: tuple[Int[np.ndarray, " pixels"], ...]
@@ -137,7 +145,17 @@ def straight_window(
         math.ceil(high[0]) - 1,
         math.ceil(high[1]) - 1,
     )
-    return found.grown(SPARE_PX, SPARE_PX)
+    known = known_window(data_window, geometry.display_window)
+    left, top, right, bottom = (
+        SPARE_PX if own == its else _EMPTY_PX
+        for own, its in zip(data_window, known, strict=True)
+    )
+    return Window(
+        found.x_min - left,
+        found.y_min - top,
+        found.x_max + right,
+        found.y_max + bottom,
+    )
 
 
 def _border(window: Window) -> np.ndarray:
@@ -192,12 +210,13 @@ def prepare_straightening(
         )
     maps = (red, green, blue)
     found = {id(one): _beyond(one, data_window) for one in made}
-    return Straightening(window, maps, gains, tuple(found[id(one)] for one in maps))
+    ring = EmptyRing.about(data_window, geometry.display_window)
+    beyond = tuple(found[id(one)] for one in maps)
+    return Straightening(window, ring, maps, gains, beyond)
 
 
 def straight_pixels(
     pixels: Float32[np.ndarray, "height width channels"],
-    data_window: Window,
     straightening: Straightening,
     method: Filter,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
@@ -205,7 +224,7 @@ def straight_pixels(
 
     Parameters
     ----------
-    pixels : Grey, or red, green, blue (and alpha) over `data_window`.
+    pixels : Grey, or red, green, blue (and alpha) over the data window.
     method : Filter of the warp.
     """
     count = pixels.shape[-1]
@@ -215,12 +234,14 @@ def straight_pixels(
     beyond = [own[1]] if count == 1 else [*own, own[1]][:count]
     gains = [_inverse(gain) for gain in straightening.gains]
     gains = [gains[1]] if count == 1 else [*gains, None][:count]
+    ring = straightening.ring
     made = warp(
-        apply_gain(pixels, gains),
-        data_window,
+        ring.empty(apply_gain(pixels, gains)),
+        ring.outer,
         maps[0] if all(one is maps[0] for one in maps) else maps,
         border="clamp",
         method=method,
+        alpha_channel=_ALPHA if count > _ALPHA else None,
     )
     flat = made.reshape(-1, count)
     for channel, black in enumerate(beyond):
@@ -327,9 +348,7 @@ class PlateStraightener:
         for layer in layers:
             pixels = stacked_channels(part, layer.names)
             self.lens.notes.add(number_note(pixels, name, blurred=False))
-            made = straight_pixels(
-                pixels, part.data_window, done, self.lens.options.filter
-            )
+            made = straight_pixels(pixels, done, self.lens.options.filter)
             result = with_channels(result, layer.names, made)
         lens, geometry = self.lens.lens_at(state), self._geometry(state, part)
         camera = pinhole_camera(lens, geometry, done.window)
