@@ -191,8 +191,7 @@ class CheckSession:
         problems += [*sharpening_problems(photograph), *motion_problems(motion)]
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
-        problems += self._repeated(photograph)
-        problems += self._differing_sizes(photograph, take)
+        problems += self._beside_others(photograph, take)
         problems += self._refused(photograph, header, take)
         low, high = found.lattice.min(0), found.lattice.max(0)
         return Check(
@@ -226,6 +225,13 @@ class CheckSession:
         except ShootError as error:
             remedy = error.remedy or "mend the shoot file"
             yield Problem("statement", "caution", error.what, remedy)
+
+    def _beside_others(
+        self, photograph: Photograph, take: Take | None
+    ) -> Iterator[Problem]:
+        """What is wrong with it only together with the other photographs."""
+        yield from self._repeated(photograph)
+        yield from self._differing_sizes(photograph, take)
 
     def _repeated(self, photograph: Photograph) -> Iterator[Problem]:
         """The same file under another name is not another view."""
