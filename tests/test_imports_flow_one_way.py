@@ -53,8 +53,8 @@ WORKFLOW_FLOORS = {
     "shoot": 0,
     "calibration": 1,
     "pictures": 2,
+    "statements": 2,
     "check": 3,
-    "statements": 3,
     "kit": 4,
     "view": 4,
 }

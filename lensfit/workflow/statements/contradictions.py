@@ -30,6 +30,7 @@ from lensfit.workflow.statements.focus_curves import focus_units
 from lensfit.workflow.statements.lens_identity import mixed_lenses
 from lensfit.workflow.statements.linearity import nonlinear_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
+from lensfit.workflow.statements.targets_seen import contradicted_counts
 
 _ORDER = (
     "exchanged", "aspect", "photograph_size", "lens_identity",
@@ -98,11 +99,12 @@ def contradictions_of_fit(
 def contradictions_of_report(
     shoot: Shoot, observed: Sequence[Observed], entries: Sequence[dict[str, Any]]
 ) -> Iterator[Contradiction]:
-    """Those of the light, and what nobody stated or confirmed."""
+    """Those of the light and of counts, and what nobody stated or confirmed."""
     views = [
         one.take for one in observed if one.take is not None and not one.sharpening
     ]
     yield from nonlinear_views(views) or impossible_fall_off(entries)
+    yield from contradicted_counts(shoot, observed)
     yield from assumed_encodings(observed)
     yield from over_exposed(observed)
     if shoot.unconfirmed:
