@@ -23,10 +23,8 @@ from jaxtyping import Float
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.decoded_size import refuse_beyond_memory
-from lensfit.io.exr_attributes import attributes_for_writing
-from lensfit.io.exr_header import check_exr
-from lensfit.io.library_output import silenced_libraries
+from lensfit.io.decoding import refuse_beyond_memory, silenced_libraries
+from lensfit.io.exr_header import attributes_for_writing, check_exr
 
 LOSSLESS = ("no", "rle", "zips", "zip", "piz")
 """Compressions that keep every sample; whatever else a file had is written as zip."""

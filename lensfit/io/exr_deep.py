@@ -17,11 +17,9 @@ from jaxtyping import Int
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.decoded_size import refuse_beyond_memory
+from lensfit.io.decoding import refuse_beyond_memory, silenced_libraries
 from lensfit.io.exr import ExrPart, part_without_channels, unreadable
-from lensfit.io.exr_attributes import attributes_for_writing
-from lensfit.io.exr_header import PartHeader, check_exr
-from lensfit.io.library_output import silenced_libraries
+from lensfit.io.exr_header import PartHeader, attributes_for_writing, check_exr
 
 _REFERENCE_BYTES = 8
 

@@ -12,8 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from lensfit.report.evidence import takes_by_focal
-from lensfit.report.frame_coverage import image_size_px
+from lensfit.report.evidence import image_size_px, takes_by_focal
 from lensfit.report.markup import (
     NOTHING,
     Markup,
@@ -23,8 +22,7 @@ from lensfit.report.markup import (
     tag,
 )
 from lensfit.report.plain_numbers import distance_of
-from lensfit.report.plots import entry_figures
-from lensfit.report.residuals import coverage, take_figures
+from lensfit.report.plots import coverage, entry_figures, take_figures
 from lensfit.report.svg import Figure
 from lensfit.report.wipe import wipe_figures
 

@@ -29,8 +29,8 @@ from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent, stopwatch
 from lensfit.report.pictures import write_dot_pictures
-from lensfit.report.report_file import SCHEMA as REPORT_SCHEMA
-from lensfit.report.report_file import write_report
+from lensfit.report.report_page import SCHEMA as REPORT_SCHEMA
+from lensfit.report.report_page import write_report
 from lensfit.report.verdict import verdict_of
 from lensfit.workflow.calibration.entries import (
     camera_of,

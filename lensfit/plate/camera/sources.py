@@ -110,7 +110,7 @@ class CameraOptions:
     unit : Of distances in CG cameras (mm, cm, m, in, ft); metres, noted, if None.
     settings : The one settings file; those beside and above the plate if None.
     focus_at : x, y of a pixel of the display window, or x0, y0, x1, y1 of a region,
-        that is in focus (see `lensfit.plate.focus_pick`).
+        that is in focus (see `lensfit.plate.plate_depth`).
     """
 
     files: tuple[Path, ...] = ()
