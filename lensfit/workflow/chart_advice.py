@@ -1,8 +1,14 @@
 """Choose a chart and its distance: what the photograph will show, before it is printed.
 
+With n the noise of a pixel as part of white, the position of a dot of radius r pixels
+scatters by ``n R^2 / (2 sqrt(pi) r^2)`` pixels if it is bright, the centroid of an
+aperture of radius R (6 px more than r, as far as its light is looked for, and no more
+than the detector's window), and by ``n sqrt(w / (pi r))`` if it is dark, as an edge of
+w = 4 px carries its place. R and w are measured: they agree with the detector's own
+covariance.
+
 A model of k numbers fitted to d dots errs by ``scatter sqrt(k / d)`` pixels rms over
-the frame. `lensfit.chart.camera` has the optics, `lensfit.chart.scatter` the scatter of
-a dot, `lensfit.chart.takes` the takes.
+the frame. `lensfit.chart.camera` has the optics and the takes.
 """
 
 import math
@@ -11,12 +17,43 @@ from typing import Any
 
 import numpy as np
 
-from lensfit.chart.camera import Camera, distance_of_magnification_mm, magnification_at
+from lensfit.chart.camera import (
+    Camera,
+    FocusTake,
+    distance_of_magnification_mm,
+    focus_takes,
+    magnification_at,
+)
 from lensfit.chart.layout import Layout, Wanted, lay_out
-from lensfit.chart.scatter import SCATTER_FORMULA, dot_scatter_px
 from lensfit.chart.sheet import PAPERS, Sheet, paper_sheet
-from lensfit.chart.takes import FocusTake, focus_takes
 from lensfit.errors import ChartError
+
+_APERTURE_PITCHES = 0.49
+"""R at most: what `lensfit.detect.dots` takes a bright dot's light from."""
+_BRIGHT_MARGIN_PX, _DARK_EDGE_PX = 6.0, 4.0
+SCATTER_FORMULA = {
+    "bright": "n R^2 / (2 sqrt(pi) r^2)",
+    "dark": f"n sqrt({_DARK_EDGE_PX:g} px / (pi r))",
+}
+
+
+def dot_scatter_px(
+    noise: float, mark_px: float, pitch_px: float, *, bright: bool
+) -> float:
+    """Scatter of a dot's place, in pixels, along one axis.
+
+    Parameters
+    ----------
+    noise : n, standard deviation of a pixel as part of white.
+    mark_px, pitch_px : Diameter of the dot, and distance to the next.
+    bright : Light on dark, else dark on light.
+    """
+    radius = mark_px / 2
+    if not bright:
+        return noise * math.sqrt(_DARK_EDGE_PX / (math.pi * radius))
+    aperture = min(_APERTURE_PITCHES * pitch_px, radius + _BRIGHT_MARGIN_PX)
+    return noise * aperture**2 / (2 * math.sqrt(math.pi) * radius**2)
+
 
 MODEL_NUMBERS = 20
 """Of a lens and a pose, as a fit of one photograph chooses."""

@@ -18,7 +18,7 @@ from typing import Literal
 
 from lensfit.atomic import atomic_path, write_folder_summary
 from lensfit.errors import ImageError, OutputError
-from lensfit.exchange.nuke_stmap import MapSequence, nuke_stmap_text
+from lensfit.exchange.nuke_script import MapSequence, nuke_stmap_text
 from lensfit.exchange.stmaps import (
     Direction,
     StmapFrame,

@@ -39,9 +39,8 @@ from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Preset, Provenance, SourceImage
 from lensfit.workflow.calibration.blur_entries import blur_of
-from lensfit.workflow.calibration.fit_facts import terms_of
+from lensfit.workflow.calibration.fit_facts import errors_of, terms_of
 from lensfit.workflow.calibration.observe import Observed
-from lensfit.workflow.calibration.take_facts import errors_of
 from lensfit.workflow.shoot.shoot_records import Shoot
 
 _STEP = 0.05

@@ -45,8 +45,11 @@ from lensfit.progress import Progress, stopwatch
 from lensfit.workflow.calibration.overlapping_blur import overlapping_blur_reasons
 from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
-from lensfit.workflow.shoot.identified_charts import pattern_of_target
-from lensfit.workflow.shoot.resolve_take import ResolvedTake, resolve_take
+from lensfit.workflow.shoot.resolve_take import (
+    ResolvedTake,
+    pattern_of_target,
+    resolve_take,
+)
 from lensfit.workflow.shoot.shoot_records import Shoot, Target
 from lensfit.workflow.shoot.shoot_records import Take as ShootTake
 

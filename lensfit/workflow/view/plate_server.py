@@ -38,12 +38,13 @@ from lensfit.workflow.view.answers import (
 )
 from lensfit.workflow.view.lens_adjustments import (
     LensAdjustments,
+    LibraryLens,
     StartCommand,
     command_line,
     knob_controls,
     require_valid_adjustments,
+    save_edit,
 )
-from lensfit.workflow.view.saved_adjustments import LibraryLens, save_edit
 from lensfit.workflow.view.screen_picture import (
     ENVIRONMENT,
     ViewTransform,

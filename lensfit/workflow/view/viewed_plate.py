@@ -36,18 +36,19 @@ from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.view.lens_adjustments import (
     CAMERA,
     LensAdjustments,
+    SavedSettings,
     adjusted_options,
+    save_settings,
     settings_tables,
 )
-from lensfit.workflow.view.read_plate import (
+from lensfit.workflow.view.screen_picture import (
     MOST_PIXELS,
     MOST_PIXELS_OF_RAYS,
     Plate,
     Quality,
+    frame_pixels,
     read_plate,
 )
-from lensfit.workflow.view.saved_adjustments import SavedSettings, save_settings
-from lensfit.workflow.view.screen_picture import frame_pixels
 
 PROXY_TOLERANCE = 1e-2
 _DIGITS = 6
