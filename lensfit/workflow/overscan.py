@@ -24,11 +24,10 @@ from lensfit.plate.camera.plate_camera import SPELT
 from lensfit.plate.camera.plate_state import BLUR, SCALED
 from lensfit.plate.camera.sources import StateOverrides
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.tight_window import known_window
 from lensfit.plate.notes import topic_of
 from lensfit.plate.pixel_shape import SQUARE, pixel_shape
-from lensfit.plate.plate_file import plate_header
+from lensfit.plate.plate_file import plate_header, plate_views
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.scaled_look import (
     UNSCALED,

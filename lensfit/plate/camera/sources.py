@@ -30,7 +30,7 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.header_source import (
+from lensfit.plate.camera.header_camera import (
     HEADER,
     add_header,
     contradictions,

@@ -30,12 +30,6 @@ from lensfit.plate.frame.explaining_picture import explaining_picture
 from lensfit.plate.frame.flat_plate import render_flat
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import left_out_knobs
-from lensfit.plate.frame.plate_views import (
-    PlateView,
-    joined_plate_views,
-    one_focus_note,
-    plate_views,
-)
 from lensfit.plate.frame.provenance import (
     FINGERPRINT,
     Fingerprint,
@@ -44,6 +38,12 @@ from lensfit.plate.frame.provenance import (
 )
 from lensfit.plate.frame.straight_plate import PlateStraightener
 from lensfit.plate.notes import FrameNote
+from lensfit.plate.plate_file import (
+    PlateView,
+    joined_plate_views,
+    one_focus_note,
+    plate_views,
+)
 from lensfit.preset.adjusted_pupil import filter_at_all_sizes
 from lensfit.preset.schema import Preset
 

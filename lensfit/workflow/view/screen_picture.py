@@ -35,8 +35,7 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.io.transfer import encode
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.settings import file_stamp
-from lensfit.plate.frame.plate_views import plate_views
-from lensfit.plate.plate_file import ColourLayer, colour_layers
+from lensfit.plate.plate_file import ColourLayer, colour_layers, plate_views
 
 ENVIRONMENT = "$OCIO"
 SCENE_LINEAR = "scene_linear"
