@@ -22,7 +22,7 @@ from lensfit.detect.dot_checks import (
     resembling,
 )
 from lensfit.detect.lattice import index_lattice
-from lensfit.detect.neighbours import nearest
+from lensfit.detect.lattice_growth import nearest
 from lensfit.detect.observations import POINT, Observations
 from lensfit.errors import DetectionError
 from lensfit.photograph import Photograph
@@ -36,7 +36,6 @@ def find_dots(
     photograph: Photograph,
     *,
     polarity: str | None = None,
-    roi: tuple[float, float, float, float] | None = None,
     asymmetric: bool = False,
 ) -> Observations:
     """Find, measure and index the dots of a grid.
@@ -45,7 +44,6 @@ def find_dots(
     ----------
     photograph : Scene-linear picture.
     polarity : "bright" dots on black, "dark" dots on white, or None to find out.
-    roi : x0, y0, x1, y1 in pixels: look only there.
     asymmetric : The target is an asymmetric circle grid.
 
     Raises
@@ -56,39 +54,20 @@ def find_dots(
     polarities = POLARITIES if polarity is None else (polarity,)
     if not set(polarities) <= set(POLARITIES):
         raise ValueError(f"polarity must be one of {POLARITIES} or None")
-    x0, y0, x1, y1 = _window(photograph, roi)
-    image = photograph.luminance_channel[y0:y1, x0:x1]
+    image = photograph.luminance_channel
     search = find_blobs(np.ascontiguousarray(image), polarities)
     candidates = len(search.blobs.centre_px)
     indices, valid = index_lattice(search.blobs.centre_px, asymmetric=asymmetric)
     if np.count_nonzero(valid) < _FEWEST:
         raise _complaint(photograph, image, candidates, int(valid.sum()))
     whole = valid & ~search.blobs.cut
-    blobs = search.blobs.subset(whole)
-    blobs = blobs._replace(centre_px=blobs.centre_px + np.array([x0, y0]))
-    strays = search.blobs.subset(~valid)
-    strays = strays._replace(centre_px=strays.centre_px + np.array([x0, y0]))
+    blobs, strays = search.blobs.subset(whole), search.blobs.subset(~valid)
     observations = _observe(
         photograph, blobs, indices[whole], search.polarity, asymmetric, strays
     )
     if len(observations) < _FEWEST:
         raise _complaint(photograph, image, candidates, len(observations))
     return observations
-
-
-def _window(photograph: Photograph, roi):
-    width, height = photograph.size_px
-    if roi is None:
-        return 0, 0, width, height
-    x0, y0 = max(0, int(np.floor(roi[0]))), max(0, int(np.floor(roi[1])))
-    x1, y1 = min(width, int(np.ceil(roi[2]))), min(height, int(np.ceil(roi[3])))
-    if x1 - x0 < 8 or y1 - y0 < 8:
-        raise DetectionError(
-            f"the region of interest {list(roi)} has no area inside {width} x {height}",
-            where=photograph.path,
-            remedy="give roi as [x0, y0, x1, y1] in pixels",
-        )
-    return x0, y0, x1, y1
 
 
 def _observe(

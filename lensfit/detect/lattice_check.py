@@ -12,8 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from lensfit.detect.lattice_growth import STEPS, Board, predictions
-from lensfit.detect.neighbours import nearest
+from lensfit.detect.lattice_growth import STEPS, Board, nearest, predictions
 
 _OFF_PLACE = 0.2
 """Largest deviation from the neighbours' prediction, in steps."""

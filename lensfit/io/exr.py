@@ -296,19 +296,19 @@ def _leaves(part: ExrPart, layer: str) -> dict[str, str]:
     return {leaf: name for name, (own, leaf) in split.items() if own == layer}
 
 
-def find_colour(image: ExrImage, layer: str = "") -> tuple[int, tuple[str, ...]]:
-    """Index of the first part that holds colour in `layer`, and its channel names.
+def find_colour(image: ExrImage) -> tuple[int, tuple[str, ...]]:
+    """Index of the first part that holds colour in its unnamed layer, and its channels.
 
     Raises
     ------
     ImageError : No part does.
     """
     for index, part in enumerate(image.parts):
-        if names := colour_channels(part, layer):
+        if names := colour_channels(part):
             return index, names
     available = ", ".join(n for part in image.parts for n in part.channels)
     raise ImageError(
-        f"has no colour in {f'layer {layer!r}' if layer else 'its unnamed layer'}",
+        "has no colour in its unnamed layer",
         remedy=f"its channels are {available or 'none'}",
     )
 

@@ -241,17 +241,6 @@ def test_dots_cut_by_the_border_are_left_out():
     assert np.array_equal(np.sort(nearest), np.flatnonzero(centres[:, 0] > 6.5))
 
 
-def test_a_region_of_interest_limits_the_search():
-    size, _, centres = simple_scene(10.0, columns=14, rows=12)
-    cover = coverage(size, centres, discs(5.0, len(centres)), blur_px=0.8)
-    roi = (0.3 * size[0], 0.2 * size[1], size[0], 0.9 * size[1])
-    found = find_dots(photograph(shaded(cover, "dark")), roi=roi)
-    error, _ = matched(found, centres)
-    assert (found.points_px >= roi[:2]).all()
-    assert (found.points_px <= roi[2:]).all()
-    assert np.abs(error).max() < 0.02
-
-
 def test_asymmetric_circle_grid():
     row, column = np.mgrid[:11, :6]
     lattice = np.stack([(2 * column + row % 2).ravel(), row.ravel()], 1)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
+from lensfit.detect.dot_diameter import DIAMETER_WIDTH, cut_rims, dot_diameter_mm
 from lensfit.detect.dot_images import cut_dot_images
 from lensfit.detect.find import observe
 from lensfit.detect.line_measure import LINE_WIDTH_DEVIATION
@@ -23,7 +23,6 @@ from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
-from lensfit.detect.rims import cut_rims
 from lensfit.detect.sharpening import (
     EdgeProfile,
     Sharpening,
