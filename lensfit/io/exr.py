@@ -225,7 +225,8 @@ def _window(corners: tuple[np.ndarray, np.ndarray]) -> Window:
     return Window(int(x_min), int(y_min), int(x_max), int(y_max))
 
 
-def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+def window_corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """A window as the binding takes it."""
     corners = np.asarray(window, np.int32)
     return corners[:2], corners[2:]
 
@@ -238,8 +239,8 @@ def _binding_part(
         **attributes_for_writing(part.attributes, path),
         "type": OpenEXR.scanlineimage,
         "compression": _compression(compression or kept),
-        "dataWindow": _corners(part.data_window),
-        "displayWindow": _corners(part.display_window),
+        "dataWindow": window_corners(part.data_window),
+        "displayWindow": window_corners(part.display_window),
         "pixelAspectRatio": float(part.pixel_aspect),
     }
     channels = {n: np.ascontiguousarray(s) for n, s in part.channels.items()}

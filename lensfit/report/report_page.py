@@ -23,7 +23,7 @@ from lensfit.atomic import write_text_atomic
 from lensfit.errors import LensfitError
 from lensfit.preset.store import renamed, with_pupil_shift
 from lensfit.report.blur import blur_section
-from lensfit.report.evidence import corner_deviation_px, numbers, used_takes
+from lensfit.report.evidence import corner_deviation_px, numbers, used_takes, value_of
 from lensfit.report.kernels import KernelSheet, kernel_sheets
 from lensfit.report.markup import Markup, html_document, number, tag
 from lensfit.report.pictures import data_addresses, jpeg_address
@@ -198,17 +198,13 @@ def _key_numbers(report: dict) -> list[tuple[str, str]]:
         ),
         (f"{len(used_takes(report))} of {len(takes)}", "takes used"),
     ]
-    overscan = _largest([_float(entry.get("overscan_percent")) for entry in entries])
+    overscan = _largest([value_of(entry.get("overscan_percent")) for entry in entries])
     cards.append((number(overscan, "%", 4), "overscan that the CG needs"))
     # Parts overlap: photographs are searched side by side, and `fit` holds its stages.
     whole = (report.get("seconds") or {}).get("whole")
     if whole is not None:
         cards.append((number(float(whole), "s"), "from photographs to preset"))
     return cards
-
-
-def _float(value: Any) -> float:
-    return math.nan if value is None else float(value)
 
 
 def _largest(values: list[float]) -> float:
