@@ -15,8 +15,7 @@ from dots_scene import (
 from scipy.spatial import cKDTree
 from scipy.stats import norm
 
-from lensfit.detect.dot_checks import resembling
-from lensfit.detect.dots import find_dots
+from lensfit.detect.dots import find_dots, resembling
 from lensfit.errors import DetectionError
 
 
