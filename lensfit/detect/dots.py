@@ -21,8 +21,12 @@ from scipy.spatial import KDTree
 
 from lensfit.detect.blobs import POLARITIES, Blobs, find_blobs
 from lensfit.detect.centroids import Measured, measure, windows_of
-from lensfit.detect.lattice import index_lattice
-from lensfit.detect.lattice_check import consistent_members, deviations, nanmedian
+from lensfit.detect.lattice import (
+    consistent_members,
+    deviations,
+    index_lattice,
+    nanmedian,
+)
 from lensfit.detect.lattice_growth import STEPS, Board, nearest
 from lensfit.detect.observations import POINT, Observations
 from lensfit.errors import DetectionError
