@@ -18,15 +18,17 @@ import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
-from lensfit.chart.code import STRIP_MODULES, marker_cells, marker_ids
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer, Outline
 from lensfit.chart.pattern import (
     LINE_END,
+    STRIP_MODULES,
     ChartKind,
     Pattern,
     Polarity,
     in_steps,
     make_pattern,
+    marker_cells,
+    marker_ids,
     pattern_layers,
 )
 from lensfit.chart.sheet import Sheet

@@ -14,8 +14,7 @@ from lensfit.cli.groups import takes_groups
 
 if TYPE_CHECKING:
     from lensfit.chart.layout import Wanted
-    from lensfit.workflow.chart import SheetWish
-    from lensfit.workflow.chart_advice import Advice
+    from lensfit.workflow.chart import Advice, SheetWish
 
 KINDS = ("dot-grid", "line-grid", "checkerboard")
 _PANEL = "Chart"
@@ -190,7 +189,7 @@ def advise(
     --sensor-width-mm 24.89 --paper A2
     """
     from lensfit.chart.camera import Camera
-    from lensfit.workflow.chart_advice import advise as advise_on
+    from lensfit.workflow.chart import advise as advise_on
 
     camera = Camera(
         focal_length_mm,
@@ -208,7 +207,7 @@ def advise(
 
 
 def _print_advice(advice: "Advice", noise_percent: float) -> None:
-    from lensfit.workflow.chart_advice import MODEL_NUMBERS
+    from lensfit.workflow.chart import MODEL_NUMBERS
 
     sheet = "{:g} x {:g} mm".format(*advice.sheet_mm)
     mark = f", marks {advice.mark_mm:g} mm" if advice.mark_mm else ""

@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._options import size_px
 from lensfit.cli._terminal import say_line
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.exchange import FrameGroup, StateGroup
+from lensfit.cli.groups.camera import FrameGroup, StateGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 if TYPE_CHECKING:

@@ -88,8 +88,11 @@ def overscan(
     """
     from lensfit.plate.camera.sources import StateOverrides
     from lensfit.preset.knobs import adjusted_knobs
-    from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
-    from lensfit.workflow.plate_overscan import overscan_of_plate
+    from lensfit.workflow.overscan import (
+        OverscanQuestion,
+        overscan_of_plate,
+        plan_overscan,
+    )
 
     frame = size_px(size)
     focal = _span(focal_length_mm, "--focal-length-mm")

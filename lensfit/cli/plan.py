@@ -13,7 +13,6 @@ from lensfit.cli.groups.camera import (
     PixelGroup,
     ScaleToSensorOption,
 )
-from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.knobs import (
     AberrationGroup,
     BokehGroup,
@@ -23,6 +22,7 @@ from lensfit.cli.groups.knobs import (
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.rendering import (
     CoresOption,
+    DepthGroup,
     DisableGroup,
     EffectsGroup,
     ToleranceOption,

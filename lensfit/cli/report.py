@@ -28,14 +28,14 @@ def report(
     Example: lensfit report takumar_50
     """
     path = results / "report.json" if results.is_dir() else results
-    from lensfit.report.report_file import read_report
+    from lensfit.report.report_page import read_report
 
     tables = read_report(path)
 
     import msgspec
 
     from lensfit.cli._summary import print_files, print_summary
-    from lensfit.report.report_file import write_report
+    from lensfit.report.report_page import write_report
     from lensfit.report.verdict import verdict_of
 
     try:

@@ -185,12 +185,12 @@ def _say(
 def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:
     """The files of the job, and the command that runs or submits it."""
     if to is Farm.opencue:
-        from lensfit.plate.farm.opencue_outline import write_outline
+        from lensfit.plate.farm.job_files import write_outline
 
         write_outline(job, path)
         return [path], ["pycuerun", str(path)]
     from lensfit.atomic import write_text_atomic
-    from lensfit.plate.farm.openjd_template import openjd_template
+    from lensfit.plate.farm.job_files import openjd_template
 
     template, paths = openjd_template(job)
     beside = path.with_name(f"{path.stem}.parameters.json")

@@ -129,8 +129,7 @@ def _plate_server(
     handed: tuple[HandedOption, ...],
 ) -> "PlateServer":
     server = _part("plate_server")
-    from lensfit.workflow.view.lens_adjustments import StartCommand
-    from lensfit.workflow.view.saved_adjustments import LibraryLens
+    from lensfit.workflow.view.lens_adjustments import LibraryLens, StartCommand
     from lensfit.workflow.view.viewed_plate import ViewedPlate
 
     found = library.find(preset)

@@ -23,8 +23,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter
 
-from lensfit.detect.background import Flattened, on_black, on_white, unevenly_lit_px
-from lensfit.detect.patches import Patches, second_moments_about
+from lensfit.detect.patches import (
+    Flattened,
+    Patches,
+    on_black,
+    on_white,
+    second_moments_about,
+    unevenly_lit_px,
+)
 
 _CHUNK_SAMPLES = 1_500_000
 _THREADS = 2

@@ -14,8 +14,7 @@ from itertools import islice, product
 import cv2
 import numpy as np
 
-from lensfit.chart.code import BASE, MARKERS, dictionary, pattern_of
-from lensfit.chart.pattern import Pattern
+from lensfit.chart.pattern import BASE, MARKERS, Pattern, dictionary, pattern_of
 from lensfit.photograph import Photograph
 
 _LEAST_PERIMETER_PX = 40.0

@@ -1,31 +1,202 @@
-"""Dots on a photograph of a dot or circle grid, measured and indexed.
+"""Dots on a photograph of a dot or circle grid: measured, indexed, then checked.
 
 Bright dots on black or dark dots on white. Candidates come from a local threshold
 (`blobs`), their lattice from `lattice`, their positions from `centroids`; then what
 does not fit its neighbours in place, size and contrast is left out. Positions refer to
 the green channel, and every channel is measured by the same rule around the same start,
 so that differences between channels are lateral colour and nothing else.
+
+A dot resembles its lattice neighbours: in contrast, in size, and in place. Reflections
+of dots, texture beyond the target's edge and dirt on a missing dot's cell do not, and a
+mark without neighbours cannot be checked and is left out. Larger marker dots inside the
+grid are kept, since their position agrees with their neighbours.
 """
 
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from lensfit.detect.blobs import POLARITIES, Blobs, find_blobs
 from lensfit.detect.centroids import Measured, measure, windows_of
-from lensfit.detect.dot_checks import (
-    lit_enough,
-    overlapping,
-    primitive_cells,
-    resembling,
+from lensfit.detect.lattice import (
+    consistent_members,
+    deviations,
+    index_lattice,
+    nanmedian,
 )
-from lensfit.detect.lattice import index_lattice
-from lensfit.detect.neighbours import nearest
+from lensfit.detect.lattice_growth import STEPS, Board, nearest
 from lensfit.detect.observations import POINT, Observations
 from lensfit.errors import DetectionError
 from lensfit.photograph import Photograph
+
+_CONTRAST_RATIO = 2.5
+_AREA_RATIO = 2.5
+_LEAST_AREA_PX = 9.0
+"""A mask of fewer samples says no more than this of a dot's size."""
+_UNREST, _UNREST_RATIO = 0.11, 5.0
+"""Surroundings this uneven (a shadow's edge, a scratch) make a position worthless."""
+_STEEP_LIGHT, _LEAST_LIT = 0.1, 2**-2.5
+"""A dot on the slope of a shadow must get this part of the usual light."""
+_SLOPING_LIGHT = 0.05
+"""Relative change over a radius from which the light itself looks like an overlap."""
+_ROUNDS = 3
+_OFF_STEPS = 0.12
+_OFF_DEVIATIONS = 12.0
+_LEAST_OFF_STEPS = 0.03
+_MARKER_OFF = 4.0
+"""A larger mark must be in its place this well, in usual deviations."""
+_TOUCHING = 0.05
+"""Light midway between two dots, relative to their level, that counts as overlap."""
+
+
+def primitive_cells(
+    indices: Int[np.ndarray, "dots 2"], asymmetric: bool
+) -> Int[np.ndarray, "dots 2"]:
+    """Cells in which neighbouring dots are one step apart."""
+    if not asymmetric:
+        return indices
+    i, j = indices.T
+    return np.stack([(i + j) // 2, (j - i) // 2], 1)
+
+
+def resembling(
+    cells: Int[np.ndarray, "dots 2"],
+    points_px: Float[np.ndarray, "dots 2"],
+    contrast: Float[np.ndarray, " dots"],
+    area_px: Float[np.ndarray, " dots"],
+    unrest: Float[np.ndarray, " dots"],
+    lit: Bool[np.ndarray, " dots"],
+) -> Bool[np.ndarray, " dots"]:
+    """Dots that resemble their lattice neighbours, connected to each other.
+
+    Parameters
+    ----------
+    cells : Cells in which neighbouring dots are one step apart.
+    points_px : Measured positions; NaN where the measurement failed.
+    contrast : Positive level of each dot against its surroundings.
+    area_px : Area of each dot's mask.
+    unrest : Deviation of each dot's surroundings from a smooth background, relative
+        to its level.
+    lit : Whether enough light falls on each dot to tell where it is.
+    """
+    good = np.isfinite(points_px).all(1) & (contrast > 0) & lit
+    if good.any():
+        good &= unrest < max(_UNREST, _UNREST_RATIO * float(np.median(unrest[good])))
+    points_px = np.where(good[:, None], points_px, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tone = np.log(np.where(good, contrast, 1))
+        size = np.log(np.maximum(area_px, _LEAST_AREA_PX))
+    for _ in range(_ROUNDS):
+        board = _board(cells, good)
+        around = _around(board, cells)
+        odd = _differs(tone, around, _CONTRAST_RATIO)
+        odd_size = _differs(size, around, _AREA_RATIO)
+        vouched = sum(board.at(cells + step) >= 0 for step in STEPS) >= 3
+        off = deviations(board, points_px)
+        usual = np.nanmedian(off) if np.isfinite(off).any() else 0.0
+        vouched &= (size > np.median(size[good])) & ~(
+            off > max(_MARKER_OFF * usual, 0.01)
+        )
+        odd |= odd_size & ~vouched
+        odd |= (around < 0).all(0)
+        odd |= off > min(_OFF_STEPS, max(_LEAST_OFF_STEPS, _OFF_DEVIATIONS * usual))
+        if not np.any(good & odd):
+            break
+        good &= ~odd
+        if np.count_nonzero(good) < 4:
+            break
+    board = _board(cells, good)
+    return consistent_members(board, points_px)
+
+
+def lit_enough(
+    light: Float[np.ndarray, " dots"], steepness: Float[np.ndarray, " dots"]
+) -> Bool[np.ndarray, " dots"]:
+    """Whether dots are outside the depth of a penumbra.
+
+    What light gets there comes past an edge, through part of the pupil or off the
+    lamp's rim, and moves dots by a good part of a pixel. Evenly dim dots are fine.
+
+    Parameters
+    ----------
+    light : Brightness of each dot's surroundings.
+    steepness : Relative change of the light over the dot's radius.
+    """
+    known = np.isfinite(light)
+    usual = float(np.median(light[known])) if known.any() else 0.0
+    return ~((steepness > _STEEP_LIGHT) & (light < _LEAST_LIT * usual))
+
+
+def overlapping(
+    image: Float[np.ndarray, "height width"],
+    cells: Int[np.ndarray, "dots 2"],
+    points_px: Float[np.ndarray, "dots 2"],
+    level: Float[np.ndarray, " dots"],
+    noise: float,
+    steepness: Float[np.ndarray, " dots"],
+) -> Bool[np.ndarray, " dots"]:
+    """Whether light (or dark) of a dot still shows midway to a neighbour.
+
+    Compared with the middle of the cell's four corners, which is farthest from dots.
+
+    Parameters
+    ----------
+    image : Scene-linear luminance.
+    cells : Cells in which neighbouring dots are one step apart.
+    points_px : Measured positions.
+    level : Brightness of each dot against its surroundings, negative for dark dots.
+    noise : Standard deviation of the surroundings.
+    steepness : Relative change of the light over the dot's radius; where the light is
+        steep its own slope hides an overlap.
+    """
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+    board = _board(cells, np.ones(len(cells), bool))
+    neighbour = np.stack([board.at(cells + step) for step in STEPS])
+    corner = np.stack(
+        [board.at(cells + STEPS[k] + STEPS[(k + 1) % 4]) for k in range(4)]
+    )
+    padded = np.concatenate([points_px, np.full((1, 2), np.nan)])
+    between = _sample(smooth, (padded[neighbour] + points_px) / 2)
+    empty = nanmedian(_sample(smooth, (padded[corner] + points_px) / 2))
+    excess = (between - empty) * np.sign(level)
+    limit = np.maximum(_TOUCHING * np.abs(level), 5 * noise)
+    with np.errstate(invalid="ignore"):
+        touching = np.asarray(excess > limit)
+    return np.asarray(touching.any(axis=0)) & (steepness < _SLOPING_LIGHT)
+
+
+def _board(cells, good) -> Board:
+    board = Board(len(cells))
+    members = np.flatnonzero(good)
+    board.place(members, cells[members])
+    return board
+
+
+def _around(board: Board, cells) -> Int[np.ndarray, "24 dots"]:
+    """The dots of the 5 x 5 cells about each, -1 where there is none."""
+    offsets = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0)]
+    return np.stack([board.at(cells + np.array(offset)) for offset in offsets])
+
+
+def _differs(value, around, ratio: float):
+    """Whether a logarithm is farther from its neighbours' median than the ratio."""
+    padded = np.append(value, np.nan)
+    with np.errstate(invalid="ignore"):
+        return np.abs(value - nanmedian(padded[around])) > np.log(ratio)
+
+
+def _sample(image, points_px):
+    """Nearest sample at positions; NaN outside or where the position is NaN."""
+    height, width = image.shape
+    known = np.isfinite(points_px).all(-1)
+    place = np.floor(np.where(known[..., None], points_px, 0)).astype(int)
+    x = np.clip(place[..., 0], 0, width - 1)
+    y = np.clip(place[..., 1], 0, height - 1)
+    return np.where(known, image[y, x], np.nan)
+
 
 _FEWEST = 16
 _THREADS = 2
@@ -36,7 +207,6 @@ def find_dots(
     photograph: Photograph,
     *,
     polarity: str | None = None,
-    roi: tuple[float, float, float, float] | None = None,
     asymmetric: bool = False,
 ) -> Observations:
     """Find, measure and index the dots of a grid.
@@ -45,7 +215,6 @@ def find_dots(
     ----------
     photograph : Scene-linear picture.
     polarity : "bright" dots on black, "dark" dots on white, or None to find out.
-    roi : x0, y0, x1, y1 in pixels: look only there.
     asymmetric : The target is an asymmetric circle grid.
 
     Raises
@@ -56,39 +225,20 @@ def find_dots(
     polarities = POLARITIES if polarity is None else (polarity,)
     if not set(polarities) <= set(POLARITIES):
         raise ValueError(f"polarity must be one of {POLARITIES} or None")
-    x0, y0, x1, y1 = _window(photograph, roi)
-    image = photograph.luminance_channel[y0:y1, x0:x1]
+    image = photograph.luminance_channel
     search = find_blobs(np.ascontiguousarray(image), polarities)
     candidates = len(search.blobs.centre_px)
     indices, valid = index_lattice(search.blobs.centre_px, asymmetric=asymmetric)
     if np.count_nonzero(valid) < _FEWEST:
         raise _complaint(photograph, image, candidates, int(valid.sum()))
     whole = valid & ~search.blobs.cut
-    blobs = search.blobs.subset(whole)
-    blobs = blobs._replace(centre_px=blobs.centre_px + np.array([x0, y0]))
-    strays = search.blobs.subset(~valid)
-    strays = strays._replace(centre_px=strays.centre_px + np.array([x0, y0]))
+    blobs, strays = search.blobs.subset(whole), search.blobs.subset(~valid)
     observations = _observe(
         photograph, blobs, indices[whole], search.polarity, asymmetric, strays
     )
     if len(observations) < _FEWEST:
         raise _complaint(photograph, image, candidates, len(observations))
     return observations
-
-
-def _window(photograph: Photograph, roi):
-    width, height = photograph.size_px
-    if roi is None:
-        return 0, 0, width, height
-    x0, y0 = max(0, int(np.floor(roi[0]))), max(0, int(np.floor(roi[1])))
-    x1, y1 = min(width, int(np.ceil(roi[2]))), min(height, int(np.ceil(roi[3])))
-    if x1 - x0 < 8 or y1 - y0 < 8:
-        raise DetectionError(
-            f"the region of interest {list(roi)} has no area inside {width} x {height}",
-            where=photograph.path,
-            remedy="give roi as [x0, y0, x1, y1] in pixels",
-        )
-    return x0, y0, x1, y1
 
 
 def _observe(

@@ -1,4 +1,4 @@
-"""Growing a lattice over points, one wave front at a time.
+"""Growing a lattice over points, one wave front at a time, from neighbour to neighbour.
 
 A `Board` holds which point sits on which integer cell. Its numbers are the seed's own:
 any two short independent steps of the lattice serve as a basis here, and the caller
@@ -12,7 +12,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from lensfit.detect.neighbours import nearest
+
+def nearest(
+    tree: KDTree, points_px: Float[np.ndarray, "points 2"], count: int
+) -> tuple[Float[np.ndarray, "points count"], Int[np.ndarray, "points count"]]:
+    """Distances and indices of the nearest points of a tree, nearest first.
+
+    Parameters
+    ----------
+    tree : The points to look among.
+    points_px : Where to look from.
+    count : How many to find; two or more, so that the result has two axes.
+    """
+    distance, index = tree.query(points_px, k=count)
+    return np.asarray(distance), np.asarray(index)
+
 
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 """The four neighbours of a cell, each a quarter turn after the one before."""

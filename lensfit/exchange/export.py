@@ -13,7 +13,7 @@ from lensfit.exchange.cycles_osl import export_cycles
 from lensfit.exchange.export_request import Exported, ExportRequest
 from lensfit.exchange.lensfun_lens import export_lensfun
 from lensfit.exchange.mrcal import export_mrcal_opencv, export_mrcal_splined
-from lensfit.exchange.nuke_stmap import export_nuke_maps, export_stmaps
+from lensfit.exchange.nuke_script import export_nuke_maps, export_stmaps
 from lensfit.exchange.opentrackio_lens import export_opentrackio
 from lensfit.exchange.syntheyes import export_syntheyes
 from lensfit.exchange.tde4_node import TDE4_FORMATS, export_tde4

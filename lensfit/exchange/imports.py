@@ -36,8 +36,8 @@ from lensfit.exchange.text_file import read_text
 from lensfit.exchange.unreal import read_unreal
 from lensfit.exchange.usd_camera import read_usd_camera
 from lensfit.exchange.uv_map_lens import lens_of_uv_map
+from lensfit.io.camera.usd import STARTS
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
-from lensfit.io.usd_stage import STARTS
 from lensfit.preset.blocks import Camera
 from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent

@@ -31,7 +31,7 @@ from lensfit.exchange.text_file import (
     positive_number,
     read_text,
 )
-from lensfit.io.camera.opentrackio_stream import CUSTOM_LAYOUT, CUSTOM_MARK
+from lensfit.io.camera.tracking import CUSTOM_LAYOUT, CUSTOM_MARK
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm, m_from_mm
 
 _UNKNOWN = -1.0

@@ -18,7 +18,7 @@ from jaxtyping import Float32
 from lensfit import __version__
 from lensfit.coords import Window
 from lensfit.errors import OutputError
-from lensfit.io.exr_attributes import lens_attributes
+from lensfit.io.exr_header import lens_attributes
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook, spanned_width_note
 from lensfit.progress import Progress, silent

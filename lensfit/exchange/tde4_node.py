@@ -28,7 +28,7 @@ from lensfit.exchange.foreign import (
     StatedValues,
     assumed_size_px,
 )
-from lensfit.exchange.nuke_text import (
+from lensfit.exchange.nuke_script import (
     NukeNode,
     node_text,
     quoted,

@@ -35,7 +35,7 @@ from lensfit.exchange.export_request import (
 from lensfit.exchange.foreign import ForeignLens, ForeignState, StatedValues
 from lensfit.exchange.opencv import OpenCvMap
 from lensfit.exchange.text_file import finite_number, positive_number
-from lensfit.io.usd_stage import USD_NOMINAL, millimetres_per_unit, open_stage, pxr
+from lensfit.io.camera.usd import USD_NOMINAL, millimetres_per_unit, open_stage, pxr
 
 _KIND = "USD camera"
 _PREFIX = "omni:lensdistortion:opencvPinhole:"

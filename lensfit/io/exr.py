@@ -23,10 +23,8 @@ from jaxtyping import Float
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.decoded_size import refuse_beyond_memory
-from lensfit.io.exr_attributes import attributes_for_writing
-from lensfit.io.exr_header import check_exr
-from lensfit.io.library_output import silenced_libraries
+from lensfit.io.decoding import refuse_beyond_memory, silenced_libraries
+from lensfit.io.exr_header import attributes_for_writing, check_exr
 
 LOSSLESS = ("no", "rle", "zips", "zip", "piz")
 """Compressions that keep every sample; whatever else a file had is written as zip."""
@@ -227,7 +225,8 @@ def _window(corners: tuple[np.ndarray, np.ndarray]) -> Window:
     return Window(int(x_min), int(y_min), int(x_max), int(y_max))
 
 
-def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+def window_corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """A window as the binding takes it."""
     corners = np.asarray(window, np.int32)
     return corners[:2], corners[2:]
 
@@ -240,8 +239,8 @@ def _binding_part(
         **attributes_for_writing(part.attributes, path),
         "type": OpenEXR.scanlineimage,
         "compression": _compression(compression or kept),
-        "dataWindow": _corners(part.data_window),
-        "displayWindow": _corners(part.display_window),
+        "dataWindow": window_corners(part.data_window),
+        "displayWindow": window_corners(part.display_window),
         "pixelAspectRatio": float(part.pixel_aspect),
     }
     channels = {n: np.ascontiguousarray(s) for n, s in part.channels.items()}
@@ -298,19 +297,19 @@ def _leaves(part: ExrPart, layer: str) -> dict[str, str]:
     return {leaf: name for name, (own, leaf) in split.items() if own == layer}
 
 
-def find_colour(image: ExrImage, layer: str = "") -> tuple[int, tuple[str, ...]]:
-    """Index of the first part that holds colour in `layer`, and its channel names.
+def find_colour(image: ExrImage) -> tuple[int, tuple[str, ...]]:
+    """Index of the first part that holds colour in its unnamed layer, and its channels.
 
     Raises
     ------
     ImageError : No part does.
     """
     for index, part in enumerate(image.parts):
-        if names := colour_channels(part, layer):
+        if names := colour_channels(part):
             return index, names
     available = ", ".join(n for part in image.parts for n in part.channels)
     raise ImageError(
-        f"has no colour in {f'layer {layer!r}' if layer else 'its unnamed layer'}",
+        "has no colour in its unnamed layer",
         remedy=f"its channels are {available or 'none'}",
     )
 

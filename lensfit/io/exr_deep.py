@@ -17,11 +17,9 @@ from jaxtyping import Int
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.decoded_size import refuse_beyond_memory
-from lensfit.io.exr import ExrPart, part_without_channels, unreadable
-from lensfit.io.exr_attributes import attributes_for_writing
-from lensfit.io.exr_header import PartHeader, check_exr
-from lensfit.io.library_output import silenced_libraries
+from lensfit.io.decoding import refuse_beyond_memory, silenced_libraries
+from lensfit.io.exr import ExrPart, part_without_channels, unreadable, window_corners
+from lensfit.io.exr_header import PartHeader, attributes_for_writing, check_exr
 
 _REFERENCE_BYTES = 8
 
@@ -131,8 +129,8 @@ def write_deep(path: str | Path, part: DeepPart) -> None:
         **attributes_for_writing(part.flat.attributes, Path(path)),
         "type": OpenEXR.deepscanline,
         "compression": OpenEXR.ZIPS_COMPRESSION,
-        "dataWindow": _corners(window),
-        "displayWindow": _corners(shown),
+        "dataWindow": window_corners(window),
+        "displayWindow": window_corners(shown),
         "pixelAspectRatio": float(part.flat.pixel_aspect),
     }
     channels = {n: _pixels(part.counts, s) for n, s in part.samples.items()}
@@ -143,11 +141,6 @@ def write_deep(path: str | Path, part: DeepPart) -> None:
             raise OutputError(
                 f"cannot be written ({error})", where=path, remedy="check the disk"
             ) from error
-
-
-def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
-    corners = np.asarray(window, np.int32)
-    return corners[:2], corners[2:]
 
 
 def _pixels(counts: Int[np.ndarray, "height width"], samples: np.ndarray) -> np.ndarray:

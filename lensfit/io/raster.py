@@ -18,8 +18,11 @@ import tifffile
 from PIL import ExifTags, Image
 
 from lensfit.errors import ImageError
-from lensfit.io.decoded_size import RASTER_BYTES_PER_SAMPLE, refuse_beyond_memory
-from lensfit.io.library_output import silenced_libraries
+from lensfit.io.decoding import (
+    RASTER_BYTES_PER_SAMPLE,
+    refuse_beyond_memory,
+    silenced_libraries,
+)
 
 # It logs every odd tag; who reads its log may still listen.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())

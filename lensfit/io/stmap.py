@@ -114,23 +114,19 @@ def write_channel_stmaps(
     _write(path, channels, display_window, data_window, attributes, pixel_aspect)
 
 
-def read_stmap(path: str | Path, layer: str = "") -> Stmap:
+def read_stmap(path: str | Path) -> Stmap:
     """Read a UV map, lensfit's or another program's.
-
-    Parameters
-    ----------
-    layer : The layer whose first two channels are u and v; by default the unnamed one.
 
     Raises
     ------
-    ImageError : Not an EXR file, no such layer, or values in half float.
+    ImageError : Not an EXR file, no UV map in it, or values in half float.
     """
     part = read_exr(path).parts[0]
     mark = part.attributes.get(_UNDEFINED_KEY)
     layers = {c: _CHANNEL_LAYER.format(c) for c in "rgb"}
     found = {c: name for c, name in layers.items() if f"{name}.R" in part.channels}
     return Stmap(
-        uv=_uv_from(part, layer, mark, path),
+        uv=_uv_from(part, "", mark, path),
         display_window=part.display_window,
         data_window=part.data_window,
         channel_uv={c: _uv_from(part, name, mark, path) for c, name in found.items()},

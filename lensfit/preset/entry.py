@@ -11,13 +11,13 @@ from msgspec import Meta, Struct
 
 from lensfit.preset.blocks import (
     Blur,
+    Covariance,
     Distortion,
     FallOff,
     LateralColour,
     PositiveFloat,
     Projection,
 )
-from lensfit.preset.covariance import Covariance
 
 Count = Annotated[int, Meta(ge=0)]
 
@@ -75,7 +75,7 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
     fall_off : One for each f-number that was measured, widest first; may be empty.
     covariance : Of the numbers of the chief-ray fit that are not known exactly, terms
         that it left out included, named and counted as in
-        `lensfit.preset.map_covariances`; None if unknown.
+        `lensfit.preset.lens_of_entry`; None if unknown.
     blur : None when it was not measured.
     """
 

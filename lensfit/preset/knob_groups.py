@@ -40,12 +40,16 @@ BLUR_TERM_GROUPS = (
 """Aberrations that shape the blur; each has a gain and an amount in um."""
 
 
+def _within(least: float, most: float, description: str) -> Meta:
+    return Meta(ge=least, le=most, description=description)
+
+
 def _gain(of: str, least: float = -100.0, most: float = 100.0) -> Meta:
-    return Meta(ge=least, le=most, description=f"Gain of {of}: 0 none, 1 as measured")
+    return _within(least, most, f"Gain of {of}: 0 none, 1 as measured")
 
 
 def _instead(of: str, unit: str, least: float, most: float) -> Meta:
-    return Meta(ge=least, le=most, description=f"{of} in place of the measured, {unit}")
+    return _within(least, most, f"{of} in place of the measured, {unit}")
 
 
 def _spot(of: str) -> Meta:
@@ -176,53 +180,36 @@ class BokehKnobs(
     """
 
     blades: (
-        Annotated[
-            int,
-            Meta(
-                ge=0, le=16, description="Blades of the stop, 0 for round, or 3 or more"
-            ),
-        ]
+        Annotated[int, _within(0, 16, "Blades of the stop, 0 for round, or 3 or more")]
         | None
     ) = None
     blade_rotation_deg: Annotated[
-        float,
-        Meta(
-            ge=-360, le=360, description="Turns blades and filter image, deg clockwise"
-        ),
+        float, _within(-360, 360, "Turns blades and filter image, deg clockwise")
     ] = 0.0
     roundness: (
-        Annotated[
-            float,
-            Meta(ge=0, le=1, description="Of the blades: 0 straight, 1 round"),
-        ]
-        | None
+        Annotated[float, _within(0, 1, "Of the blades: 0 straight, 1 round")] | None
     ) = None
     ring_brightness: Annotated[
         float,
-        Meta(
-            ge=-10,
-            le=10,
-            description="Lights out of focus brighter at the edge (> 0) or in the "
-            "middle (< 0)",
+        _within(
+            -10,
+            10,
+            "Lights out of focus brighter at the edge (> 0) or in the middle (< 0)",
         ),
     ] = 0.0
     squeeze: Annotated[
-        float,
-        Meta(
-            ge=0.25, le=4, description="Height over width of lights out of focus (oval)"
-        ),
+        float, _within(0.25, 4, "Height over width of lights out of focus (oval)")
     ] = 1.0
     cat_eye_gain: Annotated[
-        float,
-        Meta(ge=0, le=3, description="Gain of the rims that clip lights off the axis"),
+        float, _within(0, 3, "Gain of the rims that clip lights off the axis")
     ] = 1.0
     cat_eye_percent: (
         Annotated[
             float,
-            Meta(
-                ge=0,
-                le=90,
-                description="Part of the pupil that a rim hides from the corner, "
+            _within(
+                0,
+                90,
+                "Part of the pupil that a rim hides from the corner, "
                 "in place of the measured, percent",
             ),
         ]
@@ -237,22 +224,13 @@ class BokehKnobs(
     maximum_blur_percent: (
         Annotated[
             float,
-            Meta(
-                ge=0,
-                le=100,
-                description="Largest radius of blur, percent of the sensor's width",
-            ),
+            _within(0, 100, "Largest radius of blur, percent of the sensor's width"),
         ]
         | None
     ) = None
     depth_levels: (
         Annotated[
-            int,
-            Meta(
-                ge=2,
-                le=1000,
-                description="Levels of depth; by the tolerance if left out",
-            ),
+            int, _within(2, 1000, "Levels of depth; by the tolerance if left out")
         ]
         | None
     ) = None
@@ -292,8 +270,7 @@ class LookKnobs(
         HaloSize, Meta(description="Radius that holds half of the bloom, in focus")
     ] = 1.0
     bloom_growth: Annotated[
-        float,
-        Meta(ge=0, le=10, description="Growth of the size with the blur of the light"),
+        float, _within(0, 10, "Growth of the size with the blur of the light")
     ] = 1.0
     glint_gain: Annotated[
         Share, Meta(description="Share of the light above the threshold in streaks")
@@ -301,18 +278,15 @@ class LookKnobs(
     glint_threshold: Annotated[
         Threshold, Meta(description="Brightest channel from which light glints")
     ] = 4.0
-    glint_streaks: Annotated[
-        int, Meta(ge=1, le=64, description="Streaks of each light")
-    ] = 6
+    glint_streaks: Annotated[int, _within(1, 64, "Streaks of each light")] = 6
     glint_length_percent: Annotated[
-        float, Meta(ge=0.1, le=50, description="Length of a streak of green light")
+        float, _within(0.1, 50, "Length of a streak of green light")
     ] = 10.0
     glint_rotation_deg: Annotated[
         Angle, Meta(description="Azimuth of one streak, from right towards down")
     ] = 0.0
     glint_dispersion: Annotated[
-        float,
-        Meta(ge=0, le=5, description="Growth with wavelength, 1 as diffraction has it"),
+        float, _within(0, 5, "Growth with wavelength, 1 as diffraction has it")
     ] = 1.0
     pro_mist_gain: Annotated[
         Share, Meta(description="Share of all light that a mist filter scatters")
@@ -332,25 +306,19 @@ class LookKnobs(
     ghost_threshold: Annotated[
         Threshold, Meta(description="Brightest channel from which light throws ghosts")
     ] = 4.0
-    ghost_count: Annotated[
-        int, Meta(ge=1, le=16, description="Ghosts of each highlight")
-    ] = 3
+    ghost_count: Annotated[int, _within(1, 16, "Ghosts of each highlight")] = 3
     ghost_reach: Annotated[
-        float,
-        Meta(
-            ge=-2, le=2, description="Place of the last, 1 mirrored through the centre"
-        ),
+        float, _within(-2, 2, "Place of the last, 1 mirrored through the centre")
     ] = 1.0
     ghost_size_percent: Annotated[
-        float, Meta(ge=0.1, le=50, description="Diameter of the last ghost")
+        float, _within(0.1, 50, "Diameter of the last ghost")
     ] = 8.0
     ghost_tint: Annotated[
-        float, Meta(ge=-1, le=1, description="Colour of ghosts: 1 green, -1 magenta")
+        float, _within(-1, 1, "Colour of ghosts: 1 green, -1 magenta")
     ] = 0.0
     white_balance_kelvin: Annotated[
-        float,
-        Meta(ge=1700, le=25000, description="Light that is white; more is warmer"),
+        float, _within(1700, 25000, "Light that is white; more is warmer")
     ] = 6500.0
     white_balance_tint: Annotated[
-        float, Meta(ge=-150, le=150, description="Green light counts as white: magenta")
+        float, _within(-150, 150, "Green light counts as white: magenta")
     ] = 0.0

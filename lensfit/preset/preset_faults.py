@@ -21,12 +21,14 @@ from lensfit.preset.blocks import (
     AberrationTerm,
     Blur,
     Camera,
+    Covariance,
     Distortion,
     FallOff,
     LateralColour,
     Pupil,
+    fall_off_names,
+    lateral_names,
 )
-from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry
 from lensfit.preset.schema import Preset
 

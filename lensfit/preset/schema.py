@@ -2,7 +2,7 @@
 
 The file is JSON, schema "lensfit.preset.2"; every key names its unit. A change of the
 meaning of a key raises the number in the schema and adds a step to
-`lensfit.preset.upgrade`. Reading and checking a preset needs no JAX.
+`lensfit.preset.store`. Reading and checking a preset needs no JAX.
 """
 
 from typing import TYPE_CHECKING, Annotated, Literal

@@ -2,10 +2,9 @@
 
 Focus is interpolated in dioptres (1/m), in which lens mechanics and distortion are
 nearly linear, among the entries of one focal length. Then the focal length is
-interpolated linearly (`lensfit.preset.interpolated_entry`). Piecewise linear
-interpolation keeps every parameter between its neighbours, so that maps that do not
-fold at the measured states do not fold between them either. Fall-off is interpolated in
-the logarithm of the f-number.
+interpolated linearly. Piecewise linear interpolation keeps every parameter between its
+neighbours, so that maps that do not fold at the measured states do not fold between
+them either. Fall-off is interpolated in the logarithm of the f-number.
 
 Beyond the measured focus distances the nearest measured state is used, with a note: a
 prime measured at one focus serves all of them, its blur refocused by first-order optics
@@ -17,25 +16,126 @@ A preset is selected by the focal length that the lens shows on its barrel or zo
 (nominal). The pinhole with the picture's angle of view has another: it differs by the
 tolerance of the barrel's number and grows with focusing. Each measured entry knows
 both, so that the ring follows from the pinhole at a focus distance.
+
+Focusing a lens as a whole, 1/c (c the principal distance) is exactly linear in the
+vergence of the focus distance as seen from the entrance pupil; lenses with inner or
+front focusing bend that line little. The weight of two neighbours is linear in that
+vergence, and so is everything else that changes with focus.
+
+Zooming, the ratio c/f is constant where the front group focuses and linear in f where
+the whole lens does; it is interpolated linearly in f, like nearly all the rest.
+Distortion that is the same function of the field angle at every focal length has
+coefficients a_k of r^2k proportional to f^-2k (r on the sensor); the radial ones are
+interpolated linearly in that.
+
+All of this is exact at the measured states, continuous there, and keeps every number
+between those of its neighbours.
 """
 
 import math
+from itertools import zip_longest
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from lensfit.errors import PresetError
-from lensfit.preset.blend import blend
+from lensfit.preset.blend import blend, blended
 from lensfit.preset.entry import Entry
-from lensfit.preset.interpolated_entry import (
-    interpolated_in_focal_length,
-    interpolated_in_focus,
-)
 from lensfit.preset.scaled_look import SCALING_REMEDY
-from lensfit.units import dioptres_from_mm
+from lensfit.units import dioptres_from_mm, m_from_mm
 
 if TYPE_CHECKING:
     from lensfit.preset.schema import Preset
+
+
+def interpolated_in_focus(
+    first: Entry, second: Entry, focus_distance_mm: float
+) -> Entry:
+    """The entry focused between two of one focal length.
+
+    Raises
+    ------
+    PresetError : The two are of different models.
+    """
+    weight = focus_weight(first, second, focus_distance_mm)
+    mixed = blend(first, second, weight)
+    inverse = blended(
+        1 / first.projection.principal_distance_mm,
+        1 / second.projection.principal_distance_mm,
+        weight,
+    )
+    mixed = _with_principal_distance(mixed, 1 / inverse)
+    return msgspec.structs.replace(mixed, focus_distance_mm=focus_distance_mm)
+
+
+def interpolated_in_focal_length(
+    first: Entry, second: Entry, focal_length_mm: float
+) -> Entry:
+    """The entry zoomed between two.
+
+    Raises
+    ------
+    PresetError : The two are of different models.
+    """
+    span_mm = second.focal_length_mm - first.focal_length_mm
+    weight = (focal_length_mm - first.focal_length_mm) / span_mm
+    mixed = blend(first, second, weight)
+    ratio = blended(
+        first.projection.principal_distance_mm / first.focal_length_mm,
+        second.projection.principal_distance_mm / second.focal_length_mm,
+        weight,
+    )
+    mixed = _with_principal_distance(mixed, ratio * focal_length_mm)
+    slopes = (one.distortion.radial_log_slope for one in (first, second))
+    radial = tuple(
+        blended(a, b, _angular_weight(first, second, focal_length_mm, 2 * order))
+        for order, (a, b) in enumerate(zip_longest(*slopes, fillvalue=0.0), 1)
+    )
+    distortion = msgspec.structs.replace(mixed.distortion, radial_log_slope=radial)
+    return msgspec.structs.replace(mixed, distortion=distortion)
+
+
+def _angular_weight(
+    first: Entry, second: Entry, focal_length_mm: float, power: int
+) -> float:
+    """Share of `second` of what goes as the focal length to minus `power`."""
+    high = (second.focal_length_mm / first.focal_length_mm) ** -power
+    requested = (focal_length_mm / first.focal_length_mm) ** -power
+    return (1 - requested) / (1 - high)
+
+
+def focus_weight(first: Entry, second: Entry, focus_distance_mm: float) -> float:
+    """Share of `second` at a focus distance between both, 0 to 1.
+
+    Both state theirs. Linear in the vergence from the entrance pupil; from the sensor,
+    where a stated pupil lies beyond the nearest focus and cannot be meant.
+    """
+    assert first.focus_distance_mm is not None
+    assert second.focus_distance_mm is not None
+    low = dioptres_from_mm(first.focus_distance_mm)
+    high = dioptres_from_mm(second.focus_distance_mm)
+    requested = dioptres_from_mm(focus_distance_mm)
+    from_sensor = (requested - low) / (high - low)
+    pupil_m = [
+        m_from_mm(one.projection.entrance_pupil_offset_mm) for one in (first, second)
+    ]
+    pupil_m.append(blended(pupil_m[0], pupil_m[1], from_sensor))
+    seen = [
+        v / (1 - v * offset)
+        for v, offset in zip((low, high, requested), pupil_m, strict=True)
+        if v * offset < 0.9
+    ]
+    if len(seen) < 3 or not math.copysign(1, high - low) * (seen[1] - seen[0]) > 0:
+        return from_sensor
+    return min(max((seen[2] - seen[0]) / (seen[1] - seen[0]), 0.0), 1.0)
+
+
+def _with_principal_distance(entry: Entry, principal_distance_mm: float) -> Entry:
+    projection = msgspec.structs.replace(
+        entry.projection, principal_distance_mm=principal_distance_mm
+    )
+    return msgspec.structs.replace(entry, projection=projection)
+
 
 FOCAL_LENGTH_SLACK = 0.05
 _LARGEST_F_NUMBER = 1000

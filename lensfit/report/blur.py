@@ -20,7 +20,12 @@ from lensfit.report.markup import (
 )
 from lensfit.report.pictures import ENLARGED, png_address
 from lensfit.report.plain_numbers import distance_of
-from lensfit.report.report_sections import distance_text, stop_text, table_row
+from lensfit.report.report_sections import (
+    distance_text,
+    stop_text,
+    table_row,
+    take_name,
+)
 from lensfit.report.through import ThroughSheet, through_figures
 
 _ABOUT = (
@@ -171,7 +176,7 @@ def _table(blur: dict, takes: list[dict]) -> Markup:
 
 def _row(blur: dict, take: dict) -> list[Any]:
     return [
-        _name(take),
+        take_name(take),
         stop_text(take),
         _distance(take.get("focus_distance_mm")),
         _distance(take.get("target_distance_mm")),
@@ -180,10 +185,6 @@ def _row(blur: dict, take: dict) -> list[Any]:
         _percent(take.get("misfit")),
         _percent(take.get("held_out_misfit")),
     ]
-
-
-def _name(take: dict) -> str:
-    return str(take.get("name") or take.get("image") or "unnamed take")
 
 
 def _distance(plain_mm: float | str | None) -> str:
@@ -243,7 +244,7 @@ def _dots_figure(take: dict, pictures: Mapping[str, str | None]) -> Markup:
     address = pictures.get(take.get("picture") or "")
     if address is None:
         return Markup("")
-    title = _name(take)
+    title = take_name(take)
     picture = tag(
         "img", src=address, alt=f"{targets_of([take]).capitalize()} of {title}"
     )

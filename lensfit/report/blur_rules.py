@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from lensfit.psf.blur_quality import GOOD_BLUR, ROUGH_BLUR
-from lensfit.report.evidence import Finding, joined, used_takes, value_of
-from lensfit.report.frame_coverage import numbers
+from lensfit.report.evidence import Finding, joined, numbers, used_takes, value_of
 from lensfit.report.markup import number, stated
 
 _FAR_WORSE = 3.0

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from skimage.measure import find_contours
 
-from lensfit.report.frame_coverage import numbers
+from lensfit.report.evidence import numbers
 from lensfit.report.markup import Markup, number, stated, tag
 from lensfit.report.pictures import png_address
 from lensfit.report.svg import (

@@ -27,7 +27,7 @@ from jaxtyping import Float, UInt8
 
 from lensfit.atomic import write_bytes_atomic
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.io.library_output import silenced_libraries
+from lensfit.io.decoding import silenced_libraries
 
 _FRAME = 96
 _FRAME_PX = 2

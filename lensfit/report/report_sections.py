@@ -12,8 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from lensfit.report.evidence import takes_by_focal
-from lensfit.report.frame_coverage import image_size_px
+from lensfit.report.evidence import image_size_px, takes_by_focal
 from lensfit.report.markup import (
     NOTHING,
     Markup,
@@ -23,8 +22,7 @@ from lensfit.report.markup import (
     tag,
 )
 from lensfit.report.plain_numbers import distance_of
-from lensfit.report.plots import entry_figures
-from lensfit.report.residuals import coverage, take_figures
+from lensfit.report.plots import coverage, entry_figures, take_figures
 from lensfit.report.svg import Figure
 from lensfit.report.wipe import wipe_figures
 
@@ -159,7 +157,7 @@ def _takes_table(takes: list[dict]) -> Markup:
 
 
 def _take_row(index: int, take: dict) -> Markup:
-    link = tag("a", _take_name(take), href=f"#take-{index + 1}")
+    link = tag("a", take_name(take), href=f"#take-{index + 1}")
     if take.get("failed"):
         reason = tag("td", f"left out: {take['failed']}", colspan=8, class_="failure")
         return tag("tr", tag("td", link), reason)
@@ -173,7 +171,8 @@ def _take_row(index: int, take: dict) -> Markup:
     return table_row("td", [link, take.get("target"), *state, used, *errors], numeric=2)
 
 
-def _take_name(take: dict) -> str:
+def take_name(take: dict) -> str:
+    """What a take is called in the report."""
     return str(take.get("name") or take.get("image") or "unnamed take")
 
 
@@ -199,11 +198,11 @@ def _take_block(
         facts.append(f"{number(take['rms_px'], 'px')} rms")
     header = tag(
         "header",
-        tag("h3", _take_name(take)),
+        tag("h3", take_name(take)),
         tag("p", " · ".join(facts), class_="facts"),
     )
     grid = tag("div", overlay, *figures, class_="figures")
-    wipe = wipe_figures(take, _take_name(take), pictures)
+    wipe = wipe_figures(take, take_name(take), pictures)
     parts = [header, *notes, wipe, grid]
     return tag("div", *parts, class_="block take", id=f"take-{index + 1}")
 
@@ -215,7 +214,7 @@ def _overlay(take: dict, pictures: Mapping[str, str | None]) -> Markup:
     address = pictures.get(named)
     if address is None:
         return tag("p", f"The overlay {named} could not be read.", class_="facts")
-    name = _take_name(take)
+    name = take_name(take)
     picture = tag("img", src=address, alt=f"What was found on {name}")
     label = f"Enlarge the overlay of {name}"
     button = tag("button", picture, type="button", class_="zoom", aria_label=label)

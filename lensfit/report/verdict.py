@@ -28,6 +28,7 @@ from lensfit.report.evidence import (
     Tone,
     counts_by_focal,
     covered_share,
+    empty_places,
     error_px,
     object_deviation_px,
     photographed_corner_px,
@@ -36,24 +37,21 @@ from lensfit.report.evidence import (
     unmeasured_focals,
     used_takes,
 )
-from lensfit.report.frame_coverage import empty_places
-from lensfit.report.map_rules import (
+from lensfit.report.markup import number
+from lensfit.report.rules import (
     corner_findings,
     coverage_findings,
-    map_findings,
-    overfit_findings,
-    pattern_findings,
-    sound_findings,
-)
-from lensfit.report.markup import number
-from lensfit.report.take_rules import (
     failed_findings,
     focal_length_findings,
     lighting_findings,
+    map_findings,
     missing_findings,
     outstanding_findings,
+    overfit_findings,
+    pattern_findings,
     peer_findings,
     rejected_findings,
+    sound_findings,
     too_few_findings,
 )
 

@@ -29,8 +29,8 @@ from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent, stopwatch
 from lensfit.report.pictures import write_dot_pictures
-from lensfit.report.report_file import SCHEMA as REPORT_SCHEMA
-from lensfit.report.report_file import write_report
+from lensfit.report.report_page import SCHEMA as REPORT_SCHEMA
+from lensfit.report.report_page import write_report
 from lensfit.report.verdict import verdict_of
 from lensfit.workflow.calibration.entries import (
     camera_of,
@@ -39,12 +39,16 @@ from lensfit.workflow.calibration.entries import (
     with_quality,
 )
 from lensfit.workflow.calibration.entry_facts import entry_facts
-from lensfit.workflow.calibration.fit_facts import blur_facts, statement_facts, terms_of
+from lensfit.workflow.calibration.fit_facts import (
+    blur_facts,
+    statement_facts,
+    take_facts,
+    terms_of,
+)
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
 from lensfit.workflow.calibration.results_folder import PRESET, REPORT, atomic_results
-from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
-from lensfit.workflow.shoot.identified_charts import with_identified_charts
+from lensfit.workflow.shoot.resolve_take import with_identified_charts
 from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.contradictions import (

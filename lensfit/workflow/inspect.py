@@ -30,12 +30,13 @@ from lensfit.plate.camera.camera_facts import (
     camera_rows,
 )
 from lensfit.plate.camera.sources import CameraSources
-from lensfit.plate.frame.plate_views import (
+from lensfit.plate.plate_file import (
     PlateView,
+    header_entries,
     other_cameras_note,
+    plate_header,
     plate_views,
 )
-from lensfit.plate.plate_file import header_entries, plate_header
 from lensfit.progress import Progress, silent
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from typing import Literal
 
 from lensfit.atomic import atomic_path, write_folder_summary
 from lensfit.errors import ImageError, OutputError
-from lensfit.exchange.nuke_stmap import MapSequence, nuke_stmap_text
+from lensfit.exchange.nuke_script import MapSequence, nuke_stmap_text
 from lensfit.exchange.stmaps import (
     Direction,
     StmapFrame,
@@ -31,8 +31,7 @@ from lensfit.io.sequence import expand_frames, format_frames, frame_of, sequence
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_views import plate_views
-from lensfit.plate.plate_file import plate_header
+from lensfit.plate.plate_file import plate_header, plate_views
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.render_stages import lateral_colour_px

@@ -10,8 +10,7 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.flat_plate import plate_in_depth
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import left_out_knobs
-from lensfit.plate.frame.plate_views import plate_views
-from lensfit.plate.plate_file import colour_layers
+from lensfit.plate.plate_file import colour_layers, plate_views
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.look.stack import light_spreads

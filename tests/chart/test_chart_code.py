@@ -5,13 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lensfit.chart.code import BASE, MARKERS, marker_cells, marker_ids, pattern_of
 from lensfit.chart.pattern import (
+    BASE,
     KINDS,
+    MARKERS,
     ORIENTATION_CELLS,
     POLARITIES,
     Pattern,
     make_pattern,
+    marker_cells,
+    marker_ids,
+    pattern_of,
 )
 from lensfit.errors import ChartError
 

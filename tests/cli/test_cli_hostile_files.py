@@ -16,7 +16,7 @@ from PIL import Image
 from plate_makers import make_preset
 
 from lensfit.coords import Window
-from lensfit.io import decoded_size
+from lensfit.io import decoding
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import save_preset
@@ -77,7 +77,7 @@ def test_a_small_file_that_claims_a_huge_picture_is_not_decoded(
 ):
     path = black(tmp_path / f"a{suffix}")
     assert run("inspect", path).exit_code == 0
-    monkeypatch.setattr(decoded_size, "available_bytes", lambda: 16 << 20)
+    monkeypatch.setattr(decoding, "available_bytes", lambda: 16 << 20)
     refused(run("inspect", path), f"a{suffix}", "GiB of memory", "0.0156 GiB are")
 
 
@@ -91,11 +91,11 @@ def test_a_plate_that_would_fill_the_memory_is_not_decoded(
     state = ["--focal-length-mm", "35", "--f-number", "2.8", "--out", tmp_path / "out"]
     state += ["--sensor-width-mm", "36", "--focus-distance-mm", "2000"]
     state += ["--no-defocus"] if command == "apply" else []
-    monkeypatch.setattr(decoded_size, "available_bytes", lambda: 40 << 20)
+    monkeypatch.setattr(decoding, "available_bytes", lambda: 40 << 20)
     done = run(command, preset, plate, *state)
     assert "GiB of memory when decoded, and 0.0391 GiB are available" in done.stderr
     assert done.exit_code == 1
-    monkeypatch.setattr(decoded_size, "available_bytes", lambda: 120 << 20)
+    monkeypatch.setattr(decoding, "available_bytes", lambda: 120 << 20)
     assert run(command, preset, plate, *state).exit_code == 0
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.coords import Window, px_from_uv
-from lensfit.exchange.nuke_text import read_nuke_nodes
+from lensfit.exchange.nuke_script import read_nuke_nodes
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.stmap import read_stmap
 from lensfit.preset.store import save_preset

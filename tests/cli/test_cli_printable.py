@@ -13,8 +13,8 @@ from command_line import run, run_well
 from plate_makers import CAMERA, SENSOR, make_preset, write_plate
 
 from lensfit.errors import LensfitError
+from lensfit.preset.library.edit import keep_preset
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.save import keep_preset
 from lensfit.preset.schema import LensName, Saved
 from lensfit.preset.store import save_preset
 from lensfit.printable import printable

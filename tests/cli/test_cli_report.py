@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from command_line import run
 
-from lensfit.report.report_file import read_report
+from lensfit.report.report_page import read_report
 
 REPORT = {
     "schema": "lensfit.report.2",

@@ -10,10 +10,10 @@ from drawn_grids import photograph as drawn_photograph
 from found_marks import found_marks
 from scipy.ndimage import gaussian_filter
 
+from lensfit.detect.dot_diameter import cut_rims
 from lensfit.detect.dot_images import CELLS, cut_dot_images
 from lensfit.detect.lines import find_lines
 from lensfit.detect.observations import Observations
-from lensfit.detect.rims import cut_rims
 from lensfit.mosaic import MOSAICS, filled_in, photosites
 from lensfit.photograph import Photograph
 

@@ -15,8 +15,7 @@ from dots_scene import (
 from scipy.spatial import cKDTree
 from scipy.stats import norm
 
-from lensfit.detect.dot_checks import resembling
-from lensfit.detect.dots import find_dots
+from lensfit.detect.dots import find_dots, resembling
 from lensfit.errors import DetectionError
 
 
@@ -239,17 +238,6 @@ def test_dots_cut_by_the_border_are_left_out():
     found = find_dots(photograph(shaded(cover, "dark")))
     _, nearest = matched(found, centres)
     assert np.array_equal(np.sort(nearest), np.flatnonzero(centres[:, 0] > 6.5))
-
-
-def test_a_region_of_interest_limits_the_search():
-    size, _, centres = simple_scene(10.0, columns=14, rows=12)
-    cover = coverage(size, centres, discs(5.0, len(centres)), blur_px=0.8)
-    roi = (0.3 * size[0], 0.2 * size[1], size[0], 0.9 * size[1])
-    found = find_dots(photograph(shaded(cover, "dark")), roi=roi)
-    error, _ = matched(found, centres)
-    assert (found.points_px >= roi[:2]).all()
-    assert (found.points_px <= roi[2:]).all()
-    assert np.abs(error).max() < 0.02
 
 
 def test_asymmetric_circle_grid():

@@ -18,7 +18,7 @@ from lensfit.preset.blocks import (
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.rendering.uv import PlateGeometry
-from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
+from lensfit.workflow.overscan import OverscanQuestion, plan_overscan
 
 FRAME = StmapFrame((160, 120), overscan_percent=15.0)
 

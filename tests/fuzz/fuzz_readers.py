@@ -48,8 +48,8 @@ from lensfit.plate.camera import settings as settings_module
 from lensfit.plate.camera.settings import load_settings
 from lensfit.plate.camera.sources import CameraOptions, CameraSources
 from lensfit.preset.library.catalogue import catalogue, validation_faults
+from lensfit.preset.library.layers import find_preset
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.store import load_preset, preset_text
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 from lensfit.workflow.shoot.shoot_file import load_shoot

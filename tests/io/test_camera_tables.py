@@ -6,14 +6,14 @@ import camera_files as files
 import pytest
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.maker_tables import (
+from lensfit.io.camera.makers import (
     read_arri,
+    read_blackmagic,
     read_canon,
     read_red_frames,
     read_red_static,
     read_sony,
 )
-from lensfit.io.camera.maker_texts import read_blackmagic
 from lensfit.io.camera.quantity import stop, stop_of_linear_iris
 from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey, plain_timecode
@@ -247,7 +247,7 @@ def test_broken_files_are_refused_in_one_line(tmp_path, name, data, said):
 
 
 def test_more_rows_than_any_clip_has_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("lensfit.io.camera.text.MOST_ROWS", 3)
+    monkeypatch.setattr("lensfit.io.camera.table.MOST_ROWS", 3)
     read_red_frames(files.red_frames(tmp_path, 1, 2, 3))
     with pytest.raises(CameraError, match="more than 3 rows"):
         read_red_frames(files.red_frames(tmp_path, 1, 2, 3, 4))

@@ -410,8 +410,8 @@ def test_layers_and_colours():
     only_z = ExrPart({"Z": channels["R"]}, window, window)
     image = ExrImage((only_z, part))
     assert find_colour(image) == (1, ("R", "G", "B"))
-    with pytest.raises(ImageError, match="depth"):
-        find_colour(image, "depth")
+    with pytest.raises(ImageError, match=r"no colour .* channels are Z"):
+        find_colour(ExrImage((only_z,)))
     stacked = stack_channels(part, ("spec.r", "G"))
     assert stacked[0, 0].tolist() == [7.0, 1.0]
 

@@ -11,8 +11,8 @@ import pytest
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
+from lensfit.io.decoding import silenced_libraries
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
-from lensfit.io.library_output import silenced_libraries
 
 CHATTER = (
     b"a b.exr: (EXR_ERR_CORRUPT_CHUNK) Unable to decompress w 3 image data\n",

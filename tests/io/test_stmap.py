@@ -117,8 +117,6 @@ def test_per_channel_maps(tmp_path: Path):
     assert np.array_equal(back.uv, maps["g"])
     for channel, uv in maps.items():
         assert np.array_equal(back.channel_uv[channel], uv)
-        layer = read_stmap(path, layer=f"stmap_{channel}")
-        assert np.array_equal(layer.uv, uv)
     with pytest.raises(ValueError, match="r, g and b"):
         write_channel_stmaps(path, {"g": maps["g"]}, frame)
 

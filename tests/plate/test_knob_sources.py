@@ -9,7 +9,7 @@ from plate_makers import CAMERA, SENSOR, make_preset, write_plate
 
 from lensfit.errors import ImageError, PresetError, SettingsError
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.knob_sources import KnobWord, knobs_of_plate
+from lensfit.plate.camera.plate_camera import KnobWord, knobs_of_plate
 from lensfit.plate.camera.settings import Settings, load_settings
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.plate_file import plate_header

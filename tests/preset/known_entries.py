@@ -5,8 +5,7 @@ import numpy as np
 from preset_makers import make_entry, make_preset
 
 from lensfit.lens import Lens
-from lensfit.preset.blocks import FallOffCovariance, LateralCovariance
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Covariance, FallOffCovariance, LateralCovariance
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import Knobs
 

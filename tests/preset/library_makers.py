@@ -4,10 +4,15 @@ from pathlib import Path
 
 from preset_makers import make_entry, make_preset
 
-from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
+from lensfit.preset.library.edit import (
+    Author,
+    Kept,
+    RequestedEdit,
+    edit_preset,
+    keep_preset,
+)
 from lensfit.preset.library.layers import FoundPreset
 from lensfit.preset.library.levels import levels_of, mark_project
-from lensfit.preset.library.save import Kept, keep_preset
 from lensfit.preset.schema import Preset
 
 SLUG = "smc-takumar-50-1-4_1234567"

@@ -10,6 +10,7 @@ from lensfit.preset.blocks import (
     Blur,
     Camera,
     ChannelShift,
+    Covariance,
     Distortion,
     FallOff,
     FreeField,
@@ -19,7 +20,6 @@ from lensfit.preset.blocks import (
     Rim,
     Stop,
 )
-from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage
 

@@ -24,12 +24,12 @@ from lensfit.preset.blocks import (
     Projection,
 )
 from lensfit.preset.entry import Entry
-from lensfit.preset.interpolated_entry import (
+from lensfit.preset.lens_of_entry import lens_of_entry
+from lensfit.preset.select_entry import (
     focus_weight,
     interpolated_in_focal_length,
     interpolated_in_focus,
 )
-from lensfit.preset.lens_of_entry import lens_of_entry
 
 CAMERA = Camera(None, 28.0, 21.0, 2800, 2100)
 X, Y = np.meshgrid(np.linspace(-16.1, 16.1, 9), np.linspace(-12.1, 12.1, 7))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from preset_makers import make_blur, make_entry, make_preset
 
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Covariance
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import adjusted_knobs
 from lensfit.preset.library.diff import deviations_of, differences

@@ -21,8 +21,8 @@ from lensfit.preset.library.edit import (
     requested_edit_of_text,
 )
 from lensfit.preset.library.key_path import complete_tables, key_of, steps_of
+from lensfit.preset.library.layers import find_preset
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.shelf import read_version, shelves_of
 
 HERE = Path(__file__).parent

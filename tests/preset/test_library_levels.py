@@ -10,10 +10,9 @@ from preset_makers import make_entry, make_preset
 
 from lensfit.errors import PresetError
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
-from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
+from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset, mark_default
+from lensfit.preset.library.layers import find_preset
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve_preset import find_preset
-from lensfit.preset.library.save import mark_default
 from lensfit.preset.library.shelf import Shelf
 from lensfit.preset.store import load_preset, save_preset
 

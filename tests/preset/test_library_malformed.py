@@ -14,10 +14,9 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError, PresetError
 from lensfit.preset.library.catalogue import catalogue, validation_faults
-from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve_preset import find_preset
+from lensfit.preset.library.layers import find_preset
+from lensfit.preset.library.levels import levels_of, slug_of
 from lensfit.preset.library.shelf import read_version
-from lensfit.preset.library.versions import slug_of
 from lensfit.preset.store import load_preset, preset_tables, save_preset
 
 ODD: list[Any] = [

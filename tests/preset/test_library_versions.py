@@ -17,11 +17,11 @@ from preset_makers import make_entry, make_preset
 
 from lensfit.errors import OutputError, PresetError
 from lensfit.preset.blocks import Projection
-from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve_preset import find_preset
-from lensfit.preset.library.versions import (
+from lensfit.preset.library.layers import find_preset
+from lensfit.preset.library.levels import (
     claim_next_version,
     claim_version,
+    levels_of,
     version_number,
 )
 from lensfit.preset.schema import LensName

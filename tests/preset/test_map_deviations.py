@@ -8,7 +8,7 @@ from known_entries import NAMES, POINTS, covariance_of, known_entry, lens_of
 from preset_makers import make_entry
 
 from lensfit.lens import Lens
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Covariance
 from lensfit.preset.entry import Entry
 
 DRAWS = 300

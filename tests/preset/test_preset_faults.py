@@ -15,12 +15,12 @@ from lensfit.errors import PresetError
 from lensfit.preset.blocks import (
     AberrationTerm,
     Blur,
+    Covariance,
     LateralCovariance,
     Pupil,
     Rim,
     Stop,
 )
-from lensfit.preset.covariance import Covariance
 from lensfit.preset.store import load_preset, save_preset
 
 TERM = AberrationTerm(3, 1, 1, 1, "re", 1.0)

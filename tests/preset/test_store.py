@@ -12,7 +12,7 @@ import pytest
 from preset_makers import make_entry, make_preset
 
 from lensfit.errors import OutputError, PresetError
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Covariance
 from lensfit.preset.store import load_preset, save_preset
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from lensfit.errors import PresetError
 from lensfit.preset.library.change_set import change_set_of_tables
-from lensfit.preset.upgrade import CURRENT_VERSION, STEPS, upgrade
+from lensfit.preset.store import CURRENT_VERSION, STEPS, upgrade
 
 
 def rename_squish(tables: dict) -> dict:

@@ -10,7 +10,7 @@ from report_samples import barrel_report, draw_overlays, entry, failed_take
 
 from lensfit.errors import OutputError
 from lensfit.report.heatmap import fall_off_surface
-from lensfit.report.report_file import write_report
+from lensfit.report.report_page import write_report
 
 FIGURES = {
     "comparison": 1,

@@ -21,7 +21,7 @@ from lensfit.report.kernels import (
 )
 from lensfit.report.pictures import dot_tiles, sheet_of, with_bar, write_dot_pictures
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
-from lensfit.report.report_file import write_report
+from lensfit.report.report_page import write_report
 
 
 def entry_of(focus_distance_mm: float, radial: tuple[float, ...]) -> Entry:

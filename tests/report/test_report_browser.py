@@ -8,7 +8,7 @@ import pytest
 from browser import CHROMIUM, Browser
 from report_samples import barrel_report, draw_overlays
 
-from lensfit.report.report_file import write_report
+from lensfit.report.report_page import write_report
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 

@@ -6,7 +6,7 @@ import pytest
 from test_report_blur import entry_of, report_of, saved
 
 from lensfit.report.kernels import SIZE_PX
-from lensfit.report.report_file import write_report
+from lensfit.report.report_page import write_report
 from lensfit.report.through import (
     DISTANCES,
     HEIGHTS,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from report_samples import barrel_report, failed_take
 
-from lensfit.report.evidence import photographed_corner_px
-from lensfit.report.frame_coverage import (
+from lensfit.report.evidence import (
     Residuals,
     cell_counts,
     empty_places,
     pattern_px,
+    photographed_corner_px,
 )
 from lensfit.report.verdict import findings, verdict, verdict_of, verdict_scope
 

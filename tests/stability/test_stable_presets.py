@@ -13,8 +13,7 @@ from hypothesis import given
 
 import lensfit
 from lensfit.errors import PresetError
-from lensfit.preset.blocks import Camera, Distortion, FallOff, Projection
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Camera, Covariance, Distortion, FallOff, Projection
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset

@@ -25,8 +25,7 @@ from lensfit.optics.distortion import no_distortion
 from lensfit.optics.paraxial import FirstOrder, rim_sine
 from lensfit.optics.spectrum import bands
 from lensfit.optics.terms import rotational_terms
-from lensfit.preset.blocks import Camera, Distortion, Projection
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Camera, Covariance, Distortion, Projection
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.psf.pixels import (

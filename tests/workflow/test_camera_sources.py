@@ -21,10 +21,9 @@ from lensfit.plate.camera.sources import (
     CameraSources,
     StateOverrides,
 )
-from lensfit.plate.focus_pick import picked_region
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.provenance import SAID
-from lensfit.plate.plate_depth import DepthOptions
+from lensfit.plate.plate_depth import DepthOptions, picked_region
 from lensfit.plate.plate_file import plate_header
 from lensfit.workflow.apply import apply
 from lensfit.workflow.inspect import as_json, facts, inspect_images

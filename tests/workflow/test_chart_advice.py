@@ -20,7 +20,7 @@ from lensfit.chart.sheet import paper_sheet
 from lensfit.detect.dots import find_dots
 from lensfit.errors import ChartError
 from lensfit.photograph import Photograph
-from lensfit.workflow.chart_advice import advise
+from lensfit.workflow.chart import advise
 
 DISTANCE_MM = 1500.0
 

@@ -16,7 +16,7 @@ from lensfit.io.drawing_files import write_tones_exr
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.inspect import facts, inspect_images
 from lensfit.workflow.shoot.draft import write_draft_shoot
-from lensfit.workflow.shoot.identified_charts import (
+from lensfit.workflow.shoot.resolve_take import (
     pattern_of_target,
     with_identified_charts,
 )

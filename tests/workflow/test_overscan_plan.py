@@ -17,7 +17,7 @@ from lensfit.preset.knobs import Knobs
 from lensfit.preset.store import save_preset
 from lensfit.rendering.overscan import Margins, margins_read
 from lensfit.workflow.apply import apply
-from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
+from lensfit.workflow.overscan import OverscanQuestion, plan_overscan
 
 SIZE = (96, 64)
 """Of the plates."""

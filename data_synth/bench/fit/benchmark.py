@@ -44,8 +44,8 @@ from lensfit.programs import forget_programs
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibration.entries import camera_of
 from lensfit.workflow.calibration.entry_facts import entry_facts
+from lensfit.workflow.calibration.fit_facts import errors_of
 from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.calibration.take_facts import errors_of
 
 _RUNS = 3
 

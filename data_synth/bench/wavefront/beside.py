@@ -21,7 +21,7 @@ from lensfit.fitting.wavefront.effort import Effort
 from lensfit.preset.schema import Preset
 from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
-from lensfit.workflow.shoot.identified_charts import with_identified_charts
+from lensfit.workflow.shoot.resolve_take import with_identified_charts
 from lensfit.workflow.shoot.shoot_records import Shoot
 
 EACH = "each"

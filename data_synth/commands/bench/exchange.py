@@ -10,7 +10,7 @@ from data_synth.commands.bench.outcome import AsJson, fail_if_any
 from lensfit.cli._options import size_px
 from lensfit.cli._terminal import progress_bars
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.exchange import FrameGroup, StateGroup
+from lensfit.cli.groups.camera import FrameGroup, StateGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 

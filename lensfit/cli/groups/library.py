@@ -31,7 +31,7 @@ class LibraryGroup:
     def find(self, preset: str) -> "FoundPreset":
         """What a path or a name means; remarks on it go to standard error."""
         from lensfit.cli._door import say_note
-        from lensfit.preset.library.resolve_preset import find_preset
+        from lensfit.preset.library.layers import find_preset
 
         found = find_preset(preset, self.library)
         for note in found.notes:

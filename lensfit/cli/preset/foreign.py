@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._options import size_px
 from lensfit.cli._terminal import say_line
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.exchange import StateGroup
+from lensfit.cli.groups.camera import StateGroup
 
 if TYPE_CHECKING:
     from lensfit.exchange.imports import Imported

@@ -91,10 +91,9 @@ def save(
     Example: lensfit preset save takumar_50/preset.json --library show --default
     """
     from lensfit.cli._door import say_note
-    from lensfit.preset.library.levels import levels_of, library_folder
-    from lensfit.preset.library.save import keep_preset
+    from lensfit.preset.library.edit import keep_preset
+    from lensfit.preset.library.levels import levels_of, library_folder, version_name
     from lensfit.preset.library.shelf import Shelf
-    from lensfit.preset.library.versions import version_name
 
     found = library.find(preset)
     if library.library is None:
@@ -153,10 +152,10 @@ def default(
     Example: lensfit preset default zeiss-50@v001 --library show
     """
     from lensfit.errors import PresetError
-    from lensfit.preset.library.resolve_preset import lens_in
-    from lensfit.preset.library.save import mark_default
+    from lensfit.preset.library.edit import mark_default
+    from lensfit.preset.library.layers import lens_in
+    from lensfit.preset.library.levels import version_name
     from lensfit.preset.library.shelf import Shelf
-    from lensfit.preset.library.versions import version_name
 
     name, _, requested = lens.partition("@")
     levels = library.levels()
@@ -242,7 +241,7 @@ def history(
     Example: lensfit preset history zeiss-50 --library show/sq010/sh0020
     """
     from lensfit.preset.library.catalogue import history as events_of
-    from lensfit.preset.library.resolve_preset import lens_in
+    from lensfit.preset.library.layers import lens_in
     from lensfit.preset.library.shelf import shelves_of
 
     levels = library.levels()

@@ -23,14 +23,16 @@ from typing import NamedTuple, final
 from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import Reading, checked_quantity
 from lensfit.io.camera.table import (
+    MOST_ROWS,
     CameraFile,
     CameraTable,
     FrameKey,
     Readings,
     Row,
     RowReadings,
+    read_lines,
+    read_text,
 )
-from lensfit.io.camera.text import MOST_ROWS, read_lines, read_text
 
 KIND = "Nuke camera"
 MOST_BYTES = 16 << 20

@@ -6,27 +6,26 @@ from pathlib import Path
 
 from lensfit.bounded import read_beginning
 from lensfit.errors import CameraError
-from lensfit.io.camera.ale import read_ale
-from lensfit.io.camera.maker_tables import (
+from lensfit.io.camera.makers import (
+    FRAME_HEADING,
+    SONY_XML_ROOT,
     read_arri,
+    read_blackmagic,
     read_canon,
     read_red_frames,
     read_red_static,
     read_sony,
-)
-from lensfit.io.camera.maker_texts import (
-    FRAME_HEADING,
-    SONY_XML_ROOT,
-    read_blackmagic,
     read_sony_xml,
 )
-from lensfit.io.camera.mosys_f4 import is_mosys_f4, read_mosys_f4
 from lensfit.io.camera.nuke_camera import NODE, read_chan, read_nuke_camera
-from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
-from lensfit.io.camera.slates import ALE_HEADING
-from lensfit.io.camera.table import CameraFile
-from lensfit.io.camera.text import sniff
-from lensfit.io.camera.usd_shot import is_usd, read_usd_shot
+from lensfit.io.camera.slates import ALE_HEADING, read_ale
+from lensfit.io.camera.table import CameraFile, sniff
+from lensfit.io.camera.tracking import (
+    is_mosys_f4,
+    read_mosys_f4,
+    read_opentrackio_stream,
+)
+from lensfit.io.camera.usd import is_usd, read_usd_shot
 
 _BY_COLUMN: tuple[tuple[str, Callable[[Path], CameraFile]], ...] = (
     ("Lens Distance Unit", read_arri),

@@ -13,14 +13,19 @@ from typing import TYPE_CHECKING
 from lensfit.errors import LensfitError
 from lensfit.io.camera.header_entries import unmapped_entries
 from lensfit.io.metadata import CameraState
-from lensfit.plate.camera.knob_sources import AdjustedKnobs, KnobWord, knobs_of_plate
-from lensfit.plate.camera.plate_camera import PlateCamera, SourcedValue
+from lensfit.plate.camera.plate_camera import (
+    AdjustedKnobs,
+    KnobWord,
+    PlateCamera,
+    SourcedValue,
+    knobs_of_plate,
+)
 from lensfit.plate.camera.sources import CameraSources
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, misspelt_knob_notes
 
 if TYPE_CHECKING:
-    from lensfit.plate.camera.assumed_values import AssumedValue
+    from lensfit.plate.camera.plate_state import AssumedValue
     from lensfit.preset.schema import Preset
 
 _UNMAPPED = "[aliases] of lensfit.toml maps it"

@@ -3,7 +3,9 @@
 `lensfit.plate.camera.sources` lists the sources and their priority.
 
 A missing value is an error where the result depends on it. Where the preset leaves no
-choice, as of a prime's focal length, its value is used, with a note.
+choice, as of a prime's focal length, its value is used, with a note. Depth of field
+does leave a choice: a lens that was measured at one focus distance and f-number can be
+refocused and stopped down, so both must be stated (`lensfit.plate.frame.plate_lens`).
 
 The standard attribute ``aperture`` is the f-number, but renderers write the width of
 the film back under that name. A photographic lens closes to f/22 or f/32 at most, and
@@ -19,18 +21,17 @@ it into that of the ring, with a note where the two differ.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lensfit.errors import ImageError
-from lensfit.plate.camera.assumed_values import AssumedValue, assumed_values
-from lensfit.plate.camera.knob_sources import knobs_of_plate
 from lensfit.plate.camera.plate_camera import (
     SPELT,
     PlateCamera,
     SourcedValue,
+    knobs_of_plate,
     option_of,
 )
 from lensfit.plate.notes import FrameNote
@@ -42,12 +43,65 @@ from lensfit.preset.scaled_look import (
     spanned_width_note,
 )
 from lensfit.preset.schema import Preset
-from lensfit.preset.select_entry import ring_focal_length_mm
+from lensfit.preset.select_entry import Selection, ring_focal_length_mm
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
 from lensfit.rendering.uv import SpannedWidth
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
+
+
+class AssumedValue(NamedTuple):
+    """A value that the preset alone decides.
+
+    Attributes
+    ----------
+    name : Of the quantity.
+    value : In its unit.
+    whose : In words, such as "the preset's only one".
+    """
+
+    name: str
+    value: float
+    whose: str
+
+    def note(self, camera: PlateCamera) -> FrameNote:
+        """A sentence for whoever should have stated it."""
+        shown = f"{self.value:g} mm" if self.name.endswith("_mm") else f"{self.value:g}"
+        option = option_of(self.name)
+        places = ", ".join(("the header", *camera.searched))
+        return FrameNote(
+            f"{camera.plate.name}: no {SPELT[self.name]} in {places}; {self.whose}, "
+            f"{shown}, is used ({option} states another)",
+            f"assumed {self.name}",
+        )
+
+
+def assumed_values(
+    preset: Preset, camera: PlateCamera, chosen: Selection, *, falloff: bool
+) -> Iterator[AssumedValue]:
+    """What no source states and the preset has one of.
+
+    Parameters
+    ----------
+    chosen : The state of the lens.
+    falloff : Whether the fall-off, and so its f-number, matters.
+    """
+    only = "the preset's only one"
+    if "focal_length_mm" not in camera.known:
+        yield AssumedValue("focal_length_mm", preset.entries[0].focal_length_mm, only)
+    fall_off = chosen.entry.fall_off
+    if "f_number" not in camera.known and falloff and fall_off:
+        stop = fall_off[0].f_number
+        if stop is not None:
+            yield AssumedValue("f_number", stop, "that of the preset's only fall-off")
+    focus_mm = chosen.measured_focus_mm
+    if "focus_distance_mm" not in camera.known and focus_mm is not None:
+        yield AssumedValue("focus_distance_mm", focus_mm, only)
+    if "sensor_width_mm" not in camera.known:
+        width_mm = preset.camera.sensor_width_mm
+        yield AssumedValue("sensor_width_mm", width_mm, "the preset's")
+
 
 _ROUNDS = 4
 _NOTED = 1e-4

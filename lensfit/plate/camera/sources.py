@@ -30,7 +30,7 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.header_source import (
+from lensfit.plate.camera.header_camera import (
     HEADER,
     add_header,
     contradictions,
@@ -110,7 +110,7 @@ class CameraOptions:
     unit : Of distances in CG cameras (mm, cm, m, in, ft); metres, noted, if None.
     settings : The one settings file; those beside and above the plate if None.
     focus_at : x, y of a pixel of the display window, or x0, y0, x1, y1 of a region,
-        that is in focus (see `lensfit.plate.focus_pick`).
+        that is in focus (see `lensfit.plate.plate_depth`).
     """
 
     files: tuple[Path, ...] = ()

@@ -26,9 +26,8 @@ from lensfit.cores import available_cores, bind_to_share_of_cores, limit_cores
 from lensfit.errors import ImageError, LensfitError, error_at_frame, sentence_of
 from lensfit.io.exr import ExrPart
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.frame.content_digest import write_with_digest
 from lensfit.plate.frame.end_with_parent import end_with_parent
-from lensfit.plate.frame.provenance import Fingerprint
+from lensfit.plate.frame.provenance import Fingerprint, write_with_digest
 from lensfit.plate.frame.renderer import FrameRenderer, with_fingerprint
 from lensfit.preset.schema import Preset
 

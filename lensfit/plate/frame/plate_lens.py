@@ -16,18 +16,20 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError, LensfitError, error_at_frame
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
-from lensfit.io.exr_attributes import lens_attributes
 from lensfit.io.exr_deep import is_deep
+from lensfit.io.exr_header import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.header_source import refuse_several_cameras
+from lensfit.plate.camera.header_camera import (
+    AppliedCamera,
+    refuse_several_cameras,
+    restated,
+)
 from lensfit.plate.camera.plate_camera import PlateCamera, SourcedValue
 from lensfit.plate.camera.plate_state import PlateState, plate_state
 from lensfit.plate.camera.sources import CameraSources
-from lensfit.plate.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.plate.frame.external_map import ExternalMap
 from lensfit.plate.frame.plate_notes import border_note
-from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.provenance import (
     Fingerprint,
     fingerprint,
@@ -37,12 +39,11 @@ from lensfit.plate.frame.provenance import (
     refuse_second_straightening,
     signature,
 )
-from lensfit.plate.frame.restated_camera import AppliedCamera, restated
 from lensfit.plate.frame.tight_window import lit_window, reached_window
 from lensfit.plate.notes import FrameNote, Notes
 from lensfit.plate.pixel_shape import pixel_shape
-from lensfit.plate.plate_depth import depth_doubt
-from lensfit.plate.plate_file import header_entries, plate_header
+from lensfit.plate.plate_depth import FOCUS_AT, depth_doubt, picked_depth_mm
+from lensfit.plate.plate_file import header_entries, plate_header, plate_views
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.scaled_look import check_corners, unscaled_error

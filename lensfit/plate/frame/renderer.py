@@ -11,7 +11,7 @@ colour layers       rendered, or straightened (`straight_plate`); every other ch
 window              a plate may have overscan (a data window larger than the display
                     window); the display window is written, unless it is kept
 header              a line on the operations (`signature`), digests of the inputs
-                    (`fingerprint`) and of the file itself (`content_digest`)
+                    (`fingerprint`) and of the file itself (`write_with_digest`)
 """
 
 from dataclasses import replace
@@ -19,27 +19,31 @@ from pathlib import Path
 from typing import final
 
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.decoded_size import refuse_beyond_memory
+from lensfit.io.decoding import refuse_beyond_memory
 from lensfit.io.depth_channel import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.exr_header import MAGIC
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.frame.content_digest import is_whole
 from lensfit.plate.frame.deep_plate import render_deep
 from lensfit.plate.frame.explaining_picture import explaining_picture
 from lensfit.plate.frame.flat_plate import render_flat
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_notes import left_out_knobs
-from lensfit.plate.frame.plate_views import (
+from lensfit.plate.frame.provenance import (
+    FINGERPRINT,
+    Fingerprint,
+    is_made_here,
+    is_whole,
+)
+from lensfit.plate.frame.straight_plate import PlateStraightener
+from lensfit.plate.notes import FrameNote
+from lensfit.plate.plate_file import (
     PlateView,
     joined_plate_views,
     one_focus_note,
     plate_views,
 )
-from lensfit.plate.frame.provenance import FINGERPRINT, Fingerprint, is_made_here
-from lensfit.plate.frame.straight_plate import PlateStraightener
-from lensfit.plate.notes import FrameNote
 from lensfit.preset.adjusted_pupil import filter_at_all_sizes
 from lensfit.preset.schema import Preset
 

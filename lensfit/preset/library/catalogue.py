@@ -11,16 +11,17 @@ from typing import NamedTuple
 from lensfit._strict import read_json_object
 from lensfit.errors import LensfitError, PresetError
 from lensfit.preset.library.change_set import Change, ChangeSet, is_change_set
-from lensfit.preset.library.layers import put_together, value_text
-from lensfit.preset.library.levels import LENSES, Level, levels_of
-from lensfit.preset.library.resolve_preset import find_preset
-from lensfit.preset.library.shelf import Shelf, shelves_of
-from lensfit.preset.library.versions import (
+from lensfit.preset.library.layers import find_preset, put_together, value_text
+from lensfit.preset.library.levels import (
+    LENSES,
+    Level,
+    levels_of,
     version_name,
     version_number,
     version_path,
     versions_in,
 )
+from lensfit.preset.library.shelf import Shelf, shelves_of
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 

@@ -23,10 +23,14 @@ from lensfit.errors import PresetError
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import GROUP_OF
 from lensfit.preset.library.key_path import IDENTITY, Step, steps_of
-from lensfit.preset.library.versions import is_slug, version_number
+from lensfit.preset.library.levels import is_slug, version_number
 from lensfit.preset.schema import Preset
-from lensfit.preset.store import to_json_text
-from lensfit.preset.upgrade import check_version, key_with_pupil_shift, with_pupil_shift
+from lensfit.preset.store import (
+    check_version,
+    key_with_pupil_shift,
+    to_json_text,
+    with_pupil_shift,
+)
 
 Lock = Literal["free", "locked", "record"]
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lensfit.preset.covariance import Covariance
+from lensfit.preset.blocks import Covariance
 from lensfit.preset.entry import Entry
 from lensfit.preset.library.key_path import (
     IDENTITY,

@@ -23,8 +23,9 @@ from lensfit.preset.library.change_set import (
     change_set_of_tables,
     is_change_set,
 )
-from lensfit.preset.library.levels import Level, check_inside
-from lensfit.preset.library.versions import (
+from lensfit.preset.library.levels import (
+    Level,
+    check_inside,
     requested_version,
     version_name,
     version_number,
@@ -32,8 +33,7 @@ from lensfit.preset.library.versions import (
     versions_in,
 )
 from lensfit.preset.schema import Preset
-from lensfit.preset.store import preset_of_tables, to_json_text
-from lensfit.preset.upgrade import check_version, upgrade
+from lensfit.preset.store import check_version, preset_of_tables, to_json_text, upgrade
 
 KIND = "default"
 _NAME = "default.json"

@@ -25,17 +25,22 @@ from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.stages import stage_with_beam
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset import blocks
-from lensfit.preset.blocks import Blur, BlurUncertainty, Camera
+from lensfit.preset.blocks import (
+    Blur,
+    BlurUncertainty,
+    Camera,
+    Covariance,
+    fall_off_names,
+    lateral_names,
+)
 from lensfit.preset.blur_of_block import numbers_of
-from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Preset, Provenance, SourceImage
 from lensfit.workflow.calibration.blur_entries import blur_of
-from lensfit.workflow.calibration.fit_facts import terms_of
+from lensfit.workflow.calibration.fit_facts import errors_of, terms_of
 from lensfit.workflow.calibration.observe import Observed
-from lensfit.workflow.calibration.take_facts import errors_of
 from lensfit.workflow.shoot.shoot_records import Shoot
 
 _STEP = 0.05

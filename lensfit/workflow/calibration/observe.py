@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
+from lensfit.detect.dot_diameter import DIAMETER_WIDTH, cut_rims, dot_diameter_mm
 from lensfit.detect.dot_images import cut_dot_images
 from lensfit.detect.find import observe
 from lensfit.detect.line_measure import LINE_WIDTH_DEVIATION
@@ -23,7 +23,6 @@ from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
-from lensfit.detect.rims import cut_rims
 from lensfit.detect.sharpening import (
     EdgeProfile,
     Sharpening,
@@ -45,8 +44,11 @@ from lensfit.progress import Progress, stopwatch
 from lensfit.workflow.calibration.overlapping_blur import overlapping_blur_reasons
 from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
-from lensfit.workflow.shoot.identified_charts import pattern_of_target
-from lensfit.workflow.shoot.resolve_take import ResolvedTake, resolve_take
+from lensfit.workflow.shoot.resolve_take import (
+    ResolvedTake,
+    pattern_of_target,
+    resolve_take,
+)
 from lensfit.workflow.shoot.shoot_records import Shoot, Target
 from lensfit.workflow.shoot.shoot_records import Take as ShootTake
 

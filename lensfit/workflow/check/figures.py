@@ -19,7 +19,7 @@ from lensfit.detect.directional_blur import DirectionalBlur
 from lensfit.detect.observations import Observations
 from lensfit.detect.overlay import overlay_picture
 from lensfit.photograph import Photograph
-from lensfit.report.frame_coverage import cell_counts, empty_places
+from lensfit.report.evidence import cell_counts, empty_places
 from lensfit.workflow.check.check_records import Check, Coverage, Exposure, Sharpness
 
 CORNERS = ("top left", "top right", "bottom left", "bottom right")

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Literal, final
 
 from lensfit.errors import ImageError, ShootError
+from lensfit.io.image import RAW_SUFFIXES
 from lensfit.io.metadata import CameraState
-from lensfit.io.raw import RAW_SUFFIXES
 from lensfit.units import dioptres_from_mm
 from lensfit.workflow.check.check_records import Level
 from lensfit.workflow.shoot.shoot_records import Shoot, Take

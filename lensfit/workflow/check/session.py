@@ -45,8 +45,7 @@ from lensfit.workflow.check.sentences import (
     motion_problems,
     sharpening_problems,
 )
-from lensfit.workflow.shoot.identified_charts import target_of_pattern
-from lensfit.workflow.shoot.resolve_take import resolve_take
+from lensfit.workflow.shoot.resolve_take import resolve_take, target_of_pattern
 from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
 from lensfit.workflow.statements.aspect_contradictions import size_contradiction
 

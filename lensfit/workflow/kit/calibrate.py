@@ -23,7 +23,7 @@ from lensfit._strict import did_you_mean
 from lensfit.cores import available_cores
 from lensfit.errors import LensfitError, ShootError
 from lensfit.plate.farm.job import absolute
-from lensfit.plate.farm.openjd_template import (
+from lensfit.plate.farm.job_files import (
     checked_template,
     path_parameter,
     text_parameter,

@@ -20,7 +20,7 @@ from lensfit._strict import (
     read_toml_tables,
 )
 from lensfit.errors import ShootError
-from lensfit.preset.library.versions import slug_of
+from lensfit.preset.library.levels import slug_of
 from lensfit.workflow.shoot.crew_notation import check_focal_length, length_mm
 from lensfit.workflow.shoot.shoot_file import check_names
 from lensfit.workflow.shoot.shoot_records import (

@@ -24,7 +24,7 @@ from lensfit.io.camera.slates import Slate, slate_of
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.inspect import Inspection
 from lensfit.workflow.shoot.crew_notation import KEY_OF_STOP, length_mm
-from lensfit.workflow.shoot.identified_charts import free_name, target_of_pattern
+from lensfit.workflow.shoot.resolve_take import free_name, target_of_pattern
 from lensfit.workflow.shoot.toml_lines import toml_value
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")

@@ -1,12 +1,11 @@
-"""A page in the browser that shows a lens or a plate while knobs are adjusted.
+"""A page in the browser that shows a lens, a plate or a shoot while knobs are adjusted.
 
-lens_adjustments   what the page may adjust, and the options of `apply` for the same
-controls           the controls of the page, from the definitions of the knobs
-read_plate         one frame, and smaller ones for a quick look
-screen_picture     pictures as the screen shows them
-view_transform     in place of sRGB, a display and a view of OpenColorIO
+lens_adjustments   what the page may adjust, the options of `apply` for the same, saving
+screen_picture     a frame, and smaller ones for a quick look, as the screen shows them
+viewed_lens        data of the page of a lens; its curves are in `lens_curves`
 viewed_plate       a preset on a plate: pictures, plan, focus, start values
-saved_adjustments  in the settings file of the shot, or as an edit of the library's lens
+viewed_shoot       a shoot's photographs, its file (`shoot_form`), its `calibration_run`
+viewed_results     a folder of results
 answers            one thread that drops outdated requests
-guard              which requests are accepted
+..._server         what each page is answered, over HTTP, by the `loopback_server`
 """

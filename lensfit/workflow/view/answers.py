@@ -29,6 +29,7 @@ from starlette.routing import Route
 
 from lensfit._strict import plain_complaint
 from lensfit.errors import LensfitError, ShootError, sentence_of
+from lensfit.report.plain_numbers import plain_distance
 from lensfit.workflow.shoot.crew_notation import length_mm
 
 
@@ -272,4 +273,4 @@ def typed_length_mm(typed: str) -> float:
 async def length_answer(request: Request) -> Response:
     """The millimetres, or "inf"."""
     found = typed_length_mm((await message_of(request, TypedLength)).typed)
-    return JSONResponse({"mm": "inf" if math.isinf(found) else found})
+    return JSONResponse({"mm": plain_distance(found)})

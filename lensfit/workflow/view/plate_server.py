@@ -17,7 +17,6 @@
 A body is JSON: what is turned (`LensAdjustments`) and what is asked of it.
 """
 
-import math
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, final
 
@@ -27,6 +26,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from lensfit.preset.library.edit import Author
+from lensfit.report.plain_numbers import plain_distance
 from lensfit.workflow.view.answers import (
     Answer,
     RequestQueue,
@@ -38,12 +38,13 @@ from lensfit.workflow.view.answers import (
 )
 from lensfit.workflow.view.lens_adjustments import (
     LensAdjustments,
+    LibraryLens,
     StartCommand,
     command_line,
     knob_controls,
     require_valid_adjustments,
+    save_edit,
 )
-from lensfit.workflow.view.saved_adjustments import LibraryLens, save_edit
 from lensfit.workflow.view.screen_picture import (
     ENVIRONMENT,
     ViewTransform,
@@ -212,9 +213,7 @@ class PlateServer:
         found = await self._in_turn.done(
             lambda: self.viewed.focus_distance_mm(query, query.x, query.y)
         )
-        return JSONResponse(
-            {"focus_distance_mm": "inf" if math.isinf(found) else found}
-        )
+        return JSONResponse({"focus_distance_mm": plain_distance(found)})
 
     async def command(self, request: Request) -> Response:
         """The command line."""

@@ -32,22 +32,24 @@ from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.knobs import active_knobs
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook
 from lensfit.preset.schema import Preset
+from lensfit.report.plain_numbers import plain_distance
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.view.lens_adjustments import (
     CAMERA,
     LensAdjustments,
+    SavedSettings,
     adjusted_options,
+    save_settings,
     settings_tables,
 )
-from lensfit.workflow.view.read_plate import (
+from lensfit.workflow.view.screen_picture import (
     MOST_PIXELS,
     MOST_PIXELS_OF_RAYS,
     Plate,
     Quality,
+    frame_pixels,
     read_plate,
 )
-from lensfit.workflow.view.saved_adjustments import SavedSettings, save_settings
-from lensfit.workflow.view.screen_picture import frame_pixels
 
 PROXY_TOLERANCE = 1e-2
 _DIGITS = 6
@@ -219,7 +221,7 @@ class ViewedPlate:
         except LensfitError as error:
             said = str(error)
         return {
-            "camera": {name: _word(value) for name, value in camera.items()},
+            "camera": {name: plain_distance(value) for name, value in camera.items()},
             "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
             "error": said,
             "defocus": self.options.switches.defocus,
@@ -299,10 +301,6 @@ def _bare(wanted: LensAdjustments) -> bytes:
     """The adjustments alone, without what a message adds to them."""
     values = {name: getattr(wanted, name) for name in LensAdjustments.__struct_fields__}
     return msgspec.json.encode(values, order="sorted")
-
-
-def _word(value: float | None) -> float | str | None:
-    return "inf" if value is not None and math.isinf(value) else value
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, final
 
 from lensfit.bounded import read_bounded
 from lensfit.errors import ImageError, ShootError
-from lensfit.report.report_file import is_inside, read_report
+from lensfit.report.report_page import is_inside, read_report
 from lensfit.workflow.calibration.results_folder import PRESET, REPORT
 
 PAGE, SHOOT = "report.html", "shoot.toml"

@@ -10,7 +10,7 @@ from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
 from lensfit.workflow.view.lens_adjustments import FILES, LensAdjustments, knob_controls
-from lensfit.workflow.view.read_plate import (
+from lensfit.workflow.view.screen_picture import (
     MOST_PIXELS,
     proxy_factor,
     proxy_of,

@@ -13,16 +13,16 @@ from view_makers import Client, served, thin_lens, write_depth_plate
 
 from lensfit.errors import OutputError, SettingsError
 from lensfit.plate.apply_options import ApplyOptions
+from lensfit.preset.library.edit import keep_preset
+from lensfit.preset.library.layers import find_preset
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve_preset import find_preset
-from lensfit.preset.library.save import keep_preset
-from lensfit.workflow.view.lens_adjustments import StartCommand
-from lensfit.workflow.view.plate_server import PlateServer
-from lensfit.workflow.view.saved_adjustments import (
+from lensfit.workflow.view.lens_adjustments import (
     LibraryLens,
+    StartCommand,
     changed_text,
     save_settings,
 )
+from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 CHANGES = {"camera": {"f_number": 2.8}, "knobs": {"coma_gain": 0.5, "blades": 6}}

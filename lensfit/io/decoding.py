@@ -1,9 +1,13 @@
-"""Keep the output of libraries that decode a damaged picture off the terminal.
+"""Keep pictures that are decoded from filling the memory, or the terminal.
 
-OpenEXR, OpenJPH, libpng and OpenCV write to the standard streams of the process, and
-OpenEXR's binding to Python's own output, where ``--json`` results go. lensfit reports
-the fault itself, in one line. Whatever else is printed meanwhile, by another thread, is
-passed on when the last picture is decoded.
+A compressed file of a few megabytes can hold, or claim, tens of gigabytes of one value.
+So before a picture is decoded, what it and the work on it take is computed from its
+header, and compared with the memory that is there.
+
+OpenEXR, OpenJPH, libpng and OpenCV write to the standard streams of the process when a
+picture is damaged, and OpenEXR's binding to Python's own output, where ``--json``
+results go. lensfit reports the fault itself, in one line. Whatever else is printed
+meanwhile, by another thread, is passed on when the last picture is decoded.
 """
 
 import ctypes
@@ -14,7 +18,43 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import IO
+
+from lensfit.errors import ImageError
+from lensfit.memory import available_bytes
+
+PHOTOGRAPH_BYTES_PER_PX = 24
+"""Of the work on a photograph: its colours as float, twice."""
+RASTER_BYTES_PER_SAMPLE = 12
+"""Of PNG and TIFF, decoded: the code, and the light as float, twice."""
+
+
+def refuse_beyond_memory(needed_bytes: int, path: Path | None = None) -> None:
+    """Refuse a picture that would fill the memory, before it is decoded.
+
+    Parameters
+    ----------
+    needed_bytes : Of all samples of the file, decoded, and of the work on them.
+    path : The file; None where whoever asked names it.
+
+    Raises
+    ------
+    ImageError : More than is available.
+    """
+    available = available_bytes()
+    if available is not None and needed_bytes > available:
+        raise ImageError(
+            f"takes {_gib(needed_bytes)} GiB of memory when decoded, and "
+            f"{_gib(available)} GiB are available",
+            where=path,
+            remedy="crop it, leave out channels, or use a machine with more memory",
+        )
+
+
+def _gib(count: int) -> str:
+    return f"{count / 2**30:.3g}"
+
 
 _LINE = re.compile(
     rb".*: \(EXR_ERR_\w+\) .*|ojph (?:error|warning|info) .*|libpng \w+: .*"
