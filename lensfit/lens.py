@@ -19,7 +19,7 @@ from lensfit.optics.chief_rays import Channel as Channel
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
-from lensfit.optics.map_covariances import MapCovariances
+from lensfit.optics.map_deviations import MapCovariances
 from lensfit.optics.pupil_shift import PupilShift
 from lensfit.psf.lens_blur import LensBlur, perfect_blur
 from lensfit.psf.lens_psf import Optics, Points, Raster, lens_psfs

@@ -21,7 +21,7 @@ the next order of the shift, and a shift that was held fixed. Extrapolation has 
 of its own: at a corner without detections the model carries these errors outwards.
 
 Standard deviations of chief rays, without the part that a change of the camera's pose
-would compensate, are computed in `lensfit.optics.position_deviation`.
+would compensate, are computed in `lensfit.optics.map_deviations`.
 """
 
 import math
@@ -43,7 +43,7 @@ from lensfit.fitting.priors import loose_prior, release
 from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
 from lensfit.fitting.usual_lens import next_order_of_pupil_shift_mm
 from lensfit.fitting.view_stack import residuals_of
-from lensfit.optics import position_deviation as optics
+from lensfit.optics import map_deviations as optics
 
 SYSTEMATIC_PX = 0.006
 """Rms effect of systematic errors on the detections, after the poses were adjusted. For
@@ -319,7 +319,7 @@ def position_variances_mm2(
 
 
 def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
-    """Indices of the parameters that `optics.position_deviation.changed_distortion`
+    """Indices of the parameters that `optics.map_deviations.changed_distortion`
     changes, in its order and its units."""
     return _rows_of(layout, _LANDING)
 

@@ -35,6 +35,16 @@ from lensfit.optics.modes import Mode, powers_of, radial_polynomial
 Part = Literal["re", "im"]
 
 
+_NAMES = {
+    (2, 0): "focus",
+    (2, 2): "astigmatism",
+    (3, 1): "coma",
+    (3, 3): "trefoil",
+    (4, 0): "spherical",
+    (4, 2): "oblique spherical",
+}
+
+
 class Term(NamedTuple):
     """One field function times one pupil mode; see the module."""
 
@@ -51,29 +61,14 @@ class Term(NamedTuple):
 
     @property
     def family(self) -> str:
-        """What lens designers call it, by its part of the pupil mode."""
-        return family_of(self)
-
-
-_NAMES = {
-    (2, 0): "focus",
-    (2, 2): "astigmatism",
-    (3, 1): "coma",
-    (3, 3): "trefoil",
-    (4, 0): "spherical",
-    (4, 2): "oblique spherical",
-}
-
-
-def family_of(term: Term) -> str:
-    """Family and order of a term, for example "coma 5"."""
-    name = _NAMES.get((term.degree, term.order_u))
-    if (term.degree, term.order_u) == (2, 0):
-        name = "field curvature" if term.field_degree else "defocus"
-    name = name or f"mode {term.degree},{term.order_u}"
-    if term.part == "im" or term.order_u != term.field_order:
-        name = f"asymmetric {name}"
-    return f"{name} {term.order}"
+        """What lens designers call it, and its order, for example "coma 5"."""
+        name = _NAMES.get((self.degree, self.order_u))
+        if (self.degree, self.order_u) == (2, 0):
+            name = "field curvature" if self.field_degree else "defocus"
+        name = name or f"mode {self.degree},{self.order_u}"
+        if self.part == "im" or self.order_u != self.field_order:
+            name = f"asymmetric {name}"
+        return f"{name} {self.order}"
 
 
 def rotational_terms(highest_order: int) -> tuple[Term, ...]:

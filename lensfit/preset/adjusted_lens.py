@@ -36,9 +36,11 @@ from lensfit.lens import Lens
 from lensfit.optics import radial
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift, LateralColour, no_lateral_colour
-from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.object_deviation import PERSPECTIVE_NUMBERS
-from lensfit.optics.position_deviation import gain_of_numbers
+from lensfit.optics.map_deviations import (
+    PERSPECTIVE_NUMBERS,
+    MapCovariances,
+    gain_of_numbers,
+)
 from lensfit.preset.adjusted_aberration import adjusted_aberration
 from lensfit.preset.adjusted_pupil import blur_with_adjusted_pupil, with_adjusted_rims
 from lensfit.preset.adjusted_vignetting import adjusted_illumination

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.field import ANAMORPHIC_TERMS, DECENTERING_TERMS, PRISM_TERMS
-from lensfit.optics.map_covariances import MapCovariances
+from lensfit.optics.map_deviations import MapCovariances
 from lensfit.preset import blocks
 from lensfit.preset.covariance import (
     Covariance,
@@ -81,7 +81,7 @@ def _of_fall_off(
 def _of_distortion(
     covariance: Covariance | None, distortion: Distortion
 ) -> Float[np.ndarray, "numbers numbers"] | None:
-    """Of the numbers of `lensfit.optics.position_deviation.changed_distortion`.
+    """Of the numbers of `lensfit.optics.map_deviations.changed_distortion`.
 
     None if the file does not state what one of them multiplies.
     """

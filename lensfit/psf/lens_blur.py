@@ -43,7 +43,7 @@ from lensfit.optics.paraxial import (
 from lensfit.optics.pupil import Pupil, clear_pupil, opening_area
 from lensfit.optics.sections import cylinder_mm, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_at
-from lensfit.optics.transmission import Transmission
+from lensfit.optics.stop_places import Transmission
 
 _MM_PER_NM = 1e-6
 _EXACT_AT = (0.7, 1.05)

@@ -32,8 +32,8 @@ from jaxtyping import Array, Float, Int
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.pupil_nodes import TURN
 from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.psf.pixels import LEAST_SIGMA_PX, pixel_shares
 from lensfit.psf.rays import PupilPlaces, Rays, rays_through
+from lensfit.psf.spot import LEAST_SIGMA_PX, pixel_shares
 
 _TURN_RAD = 2 * np.pi * TURN
 _RAYS = 384

@@ -12,8 +12,7 @@ import abc
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from lensfit.psf.pixels import Profile, profile_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Profile, Spot, profile_of
 
 
 class Basis(eqx.Module):

@@ -49,7 +49,7 @@ from lensfit.optics.lateral import ChannelShift, channel_from_green
 from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.sections import Sections, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
-from lensfit.psf.pixels import diffraction_variance_mm2
+from lensfit.psf.spot import diffraction_variance_mm2
 
 _BATCH, _GREEN = 512, 1
 

@@ -29,8 +29,7 @@ from lensfit.fitting.wavefront.waves import (
     Waves,
     basis_of,
 )
-from lensfit.psf.pixels import Profile, image_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Profile, Spot, image_of
 
 _JITTER = 1e-9
 _DARKEST = 1e-30

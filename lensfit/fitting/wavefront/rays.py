@@ -10,7 +10,7 @@ the rays that fill it, are differentiated by JAX.
 The point where a ray leaves the dot aperture (`dot_aperture`) is given, and shifts its
 landing point. The width of a ray's Gaussian (`kernel.spot`) is held constant in all
 derivatives: it only stands for rays in between, and vanishes as rays get many. So is
-the light that an area of the pupil carries (`optics.etendue`), which varies by a few
+the light that an area of the pupil carries (`optics.aberration`), which varies by a few
 percent.
 """
 

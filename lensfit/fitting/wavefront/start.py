@@ -20,7 +20,7 @@ from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.paraxial import defocus_mm
 from lensfit.optics.pupil import clear_pupil, relative_illumination
-from lensfit.psf.pixels import AIRY_SIGMA, WAVELENGTH_MM
+from lensfit.psf.spot import AIRY_SIGMA, WAVELENGTH_MM
 
 _NEAR_AXIS = 0.35
 IN_FOCUS_MM = 0.02

@@ -29,7 +29,7 @@ from lensfit.fitting.wavefront.start import (
 )
 from lensfit.optics.bernstein import bernstein
 from lensfit.optics.paraxial import FirstOrder
-from lensfit.psf.pixels import AIRY_SIGMA, WAVELENGTH_MM
+from lensfit.psf.spot import AIRY_SIGMA, WAVELENGTH_MM
 
 
 @pytest.fixture(scope="module")
