@@ -22,12 +22,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from lensfit.fitting import normal, solve
-from lensfit.fitting.chunks import Detections
 from lensfit.fitting.geometry import BoardPose, Frame, predicted_mm
 from lensfit.fitting.normal import Equations
 from lensfit.fitting.parameters import Layout, Prior
 from lensfit.fitting.statements import Statements
-from lensfit.fitting.view_stack import Stack, noise_mm2, whitening_of
+from lensfit.fitting.view_stack import Detections, Stack, noise_mm2, whitening_of
 from lensfit.programs import kept_program
 
 CAUCHY_SCALE = 3.0

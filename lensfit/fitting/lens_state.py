@@ -21,8 +21,7 @@ from lensfit.fitting.entrance_pupil import (
     entrance_pupil,
     fitted_pupil_shift,
 )
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.fall_off.illumination import fit_illumination
+from lensfit.fitting.fall_off.illumination import FallOffFit, fit_illumination
 from lensfit.fitting.geometry import compiled_distortion_of
 from lensfit.fitting.statements import Statement
 from lensfit.fitting.uncertainty import Uncertainty, uncertainty_of

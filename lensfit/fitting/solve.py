@@ -8,11 +8,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from lensfit.fitting.chunks import Detections
 from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.normal import Equations, equations
 from lensfit.fitting.parameters import Layout
+from lensfit.fitting.view_stack import Detections
 from lensfit.programs import kept_program
 
 

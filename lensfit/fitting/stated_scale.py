@@ -17,8 +17,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from lensfit.fitting.adjust import Adjustment, fitted_depths_mm
-from lensfit.fitting.stated_facts import Facts
-from lensfit.fitting.statements import CAUCHY_SCALE, statements_of
+from lensfit.fitting.statements import CAUCHY_SCALE, Facts, statements_of
 
 _LARGEST = 50.0
 """Largest logarithm of a ratio, so that trial steps do not overflow."""

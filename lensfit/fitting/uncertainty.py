@@ -37,9 +37,8 @@ from lensfit.fitting.adjust import Adjustment, equations_at
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.geometry import NAMED, compiled_distortion_of
-from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
-from lensfit.fitting.parameters import Layout
-from lensfit.fitting.priors import loose_prior, release
+from lensfit.fitting.held_out import explained_by, halves_of, stated_statistics
+from lensfit.fitting.parameters import Layout, loose_prior, release
 from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
 from lensfit.fitting.usual_lens import next_order_of_pupil_shift_mm
 from lensfit.fitting.view_stack import residuals_of

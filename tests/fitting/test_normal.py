@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lensfit.fitting import normal, solve
-from lensfit.fitting.chunks import Detections
 from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import short_residual, with_prior
 from lensfit.fitting.parameters import Layout
+from lensfit.fitting.view_stack import Detections
 
 LAYOUT = Layout(radial=2, free_degree=3, bend_degree=2, stretch_degree=2, apertures=1)
 VIEWS, CHUNKS, DETECTIONS = 3, 5, 6

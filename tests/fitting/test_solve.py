@@ -11,7 +11,7 @@ from lensfit.fitting import solve
 from lensfit.fitting.adjust import Adjustment, equations_at, problem_of
 from lensfit.fitting.held_out import squared_px
 from lensfit.fitting.levenberg import with_prior
-from lensfit.fitting.priors import fixed_prior, release, with_poses_free
+from lensfit.fitting.parameters import fixed_prior, release, with_poses_free
 from lensfit.fitting.stage import start_of
 
 NOISE_PX = 0.05

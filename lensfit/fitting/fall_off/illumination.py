@@ -23,6 +23,7 @@ bend there at little cost. Their errors are fully correlated, being one error of
 slope, and the stated standard deviation of an extrapolated corner includes this.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,6 @@ from lensfit.fitting.fall_off.brightness import (
     dots_if_enough,
     joined_brightness,
 )
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.non_negative import (
     Expected,
     NonNegative,
@@ -58,6 +58,60 @@ _UNSURE, _LEAST_UNSURE = 0.2, 1e-3
 """Of the slope (a rim that begins to clip beyond them, or is through with it), and
 of each place by itself."""
 _SAMPLES = 32
+TERMS = (5, 8, 12, 16)
+"""Numbers of terms to choose from."""
+_LEAST_BIC_GAIN = 10.0
+_LEAST_SCATTER = 1e-4
+"""Of a photograph's logarithms; no detector is better."""
+SYSTEMATIC = 0.0006
+"""Of the logarithm, what is not seen in residuals: light of a blurred dot that its
+aperture misses, fall-off that no polynomial follows. Of thirty random traced lenses the
+median error was .1 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class FallOffFit:
+    """Fall-off of three channels at one f-number.
+
+    Attributes
+    ----------
+    f_number : None when nobody said.
+    control : b_1 ... b_n of r, g and b.
+    valid_radius_mm : Largest radius that the control values are for.
+    covariance : Of each channel's control values.
+    """
+
+    f_number: float | None
+    control: Float[np.ndarray, "3 terms"]
+    valid_radius_mm: float
+    covariance: Float[np.ndarray, "3 terms terms"]
+
+    def deviation(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "3 points"]:
+        """Standard deviation of the relative illumination of r, g and b."""
+        terms = self.terms_at(radius_mm)
+        loss = terms @ self.control.T
+        return np.exp(-loss.T) * self._of_terms(terms)
+
+    def deviation_about_mean(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "3 points"]:
+        """Standard deviation of the logarithm of the illumination, less its mean over
+        these points: what no exposure would undo."""
+        terms = self.terms_at(radius_mm)
+        return self._of_terms(terms - terms.mean(0))
+
+    def terms_at(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "points terms"]:
+        """What every control value adds to the loss."""
+        s = (radius_mm / self.valid_radius_mm) ** 2
+        return continued_bernstein(s, self.control.shape[1])
+
+    def _of_terms(self, terms: np.ndarray) -> np.ndarray:
+        variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
+        return np.sqrt(np.maximum(variance, 0.0))
 
 
 class Beyond(NamedTuple):
@@ -116,17 +170,6 @@ def beyond_detections(
         _UNSURE * slope * out + _LEAST_UNSURE,
         unsure * np.outer(out, out) + own,
     )
-
-
-TERMS = (5, 8, 12, 16)
-"""Numbers of terms to choose from."""
-_LEAST_BIC_GAIN = 10.0
-_LEAST_SCATTER = 1e-4
-"""Of a photograph's logarithms; no detector is better."""
-SYSTEMATIC = 0.0006
-"""Of the logarithm, what is not seen in residuals: light of a blurred dot that its
-aperture misses, fall-off that no polynomial follows. Of thirty random traced lenses the
-median error was .1 %."""
 
 
 def fit_illumination(

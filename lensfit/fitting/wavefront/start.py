@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.fall_off.illumination import FallOffFit
 from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
