@@ -13,7 +13,7 @@ micrometres, and of defocus in its exact form: a sensor dz behind the sharp imag
 p_c being the chief ray's own direction cosine. (The parabola dz p^2 / 2 is 6 % wrong at
 the rim of f/1.4.) Every coefficient may depend on wavelength, linearly and
 quadratically in the chromatic coordinate of `spectrum`; lateral colour is not here.
-Another object distance adds the term of `depth`, cylinders that of `sections`.
+Another object distance and cylinders add the terms of `depth`.
 
 A dot shines evenly into all directions, counted by their cosines in the scene. With
 W(o, P) the mixed characteristic of the lens (o the object point, P the direction
@@ -41,8 +41,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.optics.depth import ObjectShift, shifted_path_mm
-from lensfit.optics.modes import power_series, powers_in, wavefront_slopes
-from lensfit.optics.terms import Term, mode_amplitudes, modes_of
+from lensfit.optics.terms import (
+    Term,
+    mode_amplitudes,
+    modes_of,
+    power_series,
+    powers_in,
+    wavefront_slopes,
+)
 
 _MM_PER_UM = 1e-3
 _LEAST_COSINE_SQUARED = 0.02
@@ -78,14 +84,14 @@ class LocalWavefront(eqx.Module):
 
     Attributes
     ----------
-    series_mm : `modes.power_series` of E over the reference sine, mm.
+    series_mm : `terms.power_series` of E over the reference sine, mm.
     chief_sine : p_c.
     series_per_mm, chief_per_mm : How both change with the field point, last axis.
     reference_sine : Unit of the pupil point.
     depth : An object away from where the coefficients hold, or None.
     cylinder_mm : Defocus of the x section beyond that of the sensor, a symmetric
-        matrix (`sections.cylinder_mm`), or None.
-    powers : `modes.powers_in` the series.
+        matrix (`depth.cylinder_mm`), or None.
+    powers : `terms.powers_in` the series.
     """
 
     series_mm: Float[Array, "orders powers 2"]
@@ -199,7 +205,7 @@ def _beside_aberrations(
 ) -> tuple[Array, Array]:
     """What defocus, cylinders and another depth add, of direction cosines.
 
-    By components, as `modes.wavefront_slopes`.
+    By components, as `terms.wavefront_slopes`.
     """
     chief = local.chief_sine
     x, y = tangents(p_x + chief[0], p_y + chief[1])
@@ -240,7 +246,7 @@ def light_density(
 
     # With x_c where the chief ray lands, x = x_c + landing(x_c, u), and a fixed
     # direction is a u that goes against the chief ray's. What defocus adds to that is
-    # the same for every ray. By components, as `modes.wavefront_slopes`.
+    # the same for every ray. By components, as `terms.wavefront_slopes`.
     _, per_u = wavefront_slopes(u, local.series_mm, local.powers)
     per_mm = [
         wavefront_slopes(u, local.series_per_mm[..., axis], local.powers)[0]

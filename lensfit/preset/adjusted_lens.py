@@ -33,8 +33,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.lens import Lens
-from lensfit.optics import radial
-from lensfit.optics.distortion import Distortion
+from lensfit.optics.distortion import Distortion, log_slope, magnification
 from lensfit.optics.lateral import ChannelShift, LateralColour, no_lateral_colour
 from lensfit.optics.map_deviations import (
     PERSPECTIVE_NUMBERS,
@@ -91,7 +90,7 @@ def _stated(distortion: Distortion, edge_mm: float, relative: float) -> Distorti
     valid = distortion.valid_radius**2
     for shape in (distortion.radial, jnp.ones(1)):
         steepest = float(
-            jnp.max(jnp.abs(radial.log_slope(square * _SHARES, shape, valid)))
+            jnp.max(jnp.abs(log_slope(square * _SHARES, shape, valid)))
             if shape.size
             else 0.0
         )
@@ -109,7 +108,7 @@ def _stated(distortion: Distortion, edge_mm: float, relative: float) -> Distorti
     raise ValueError(f"no distortion of {100 * relative:g} %")
 
 
-_magnification = jax.jit(radial.magnification)
+_magnification = jax.jit(magnification)
 _SHARES = jnp.asarray(np.linspace(0, 1, 17))
 
 

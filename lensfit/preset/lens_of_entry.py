@@ -33,7 +33,7 @@ from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.photographed_stops import unphotographed_f_number_note
 from lensfit.preset.select_entry import Selection
 from lensfit.psf.lens_blur import LensBlur
-from lensfit.psf.psf_deviation import STEP, MovedBlur, fewer_moves
+from lensfit.psf.lens_psf import STEP, MovedBlur, fewer_moves
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 """Note of a preset without a measured blur."""
@@ -92,7 +92,7 @@ def _perturbed_blurs(
     chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
 ) -> Iterator[MovedBlur]:
     """The blur at that state for every move of the block's uncertainty, or for so many
-    that stand for all, adjusted alike; see `lensfit.psf.psf_deviation`. `lens` is
+    that stand for all, adjusted alike; see `lensfit.psf.lens_psf`. `lens` is
     not adjusted yet."""
     block, f_number = chosen.entry.blur, chosen.f_number
     assert block is not None

@@ -23,7 +23,13 @@ from lensfit.optics.aberration import (
     local_wavefront,
     no_aberration,
 )
-from lensfit.optics.depth import ObjectShift, object_shift
+from lensfit.optics.depth import (
+    ObjectShift,
+    cylinder_mm,
+    log_squeeze,
+    object_shift,
+    sections_of,
+)
 from lensfit.optics.distortion import (
     Distortion,
     jacobian_at,
@@ -41,7 +47,6 @@ from lensfit.optics.paraxial import (
     rim_sine,
 )
 from lensfit.optics.pupil import Pupil, clear_pupil, opening_area
-from lensfit.optics.sections import cylinder_mm, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_at
 from lensfit.optics.stop_places import Transmission
 
@@ -70,7 +75,7 @@ class LensBlur(eqx.Module):
         where the lens' own was turned; None for the lens' own.
     beyond_mm : How much farther than the y section the x section of an anamorphic lens
         is out of focus, beyond what makes both sharp at the focus distance
-        (`optics.sections`); None for a lens that has but one section.
+        (`optics.depth`); None for a lens that has but one section.
     is_ideal : Whether nobody measured it, and nothing but its stop was turned.
     """
 

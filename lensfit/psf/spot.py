@@ -103,7 +103,7 @@ def landed_rays(
     defocus_mm : How far the sensor lies behind the sharp image.
     chromatic : Chromatic coordinates of the wavelengths (`optics.spectrum`).
     depth : Where the object is not at the distance that the aberrations hold for.
-    cylinder_mm : Of an anamorphic lens (`optics.sections`).
+    cylinder_mm : Of an anamorphic lens (`optics.depth`).
     """
     local = jax.vmap(local_wavefront, (None, 0, None, None, None))(
         field_point_mm, chromatic, aberration, depth, cylinder_mm

@@ -19,11 +19,12 @@ from lensfit.optics.base import BASE_PROJECTIONS, image_of_direction
 from lensfit.optics.distortion import (
     Distortion,
     distorted_from_undistorted,
+    magnification,
     no_distortion,
     undistorted_from_distorted,
+    undistorted_radius,
 )
 from lensfit.optics.lateral import ChannelShift
-from lensfit.optics.radial import magnification, undistorted_radius
 from lensfit.rendering.uv import PlateGeometry, SourceMap, stmap_redistort
 
 RADII = jnp.linspace(0.0, 1.0, 2001)

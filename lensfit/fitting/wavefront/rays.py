@@ -41,10 +41,9 @@ from lensfit.fitting.wavefront.shapes import (
     shape_jacobian,
     state_shapes_mm,
 )
-from lensfit.optics.depth import ObjectShift
+from lensfit.optics.depth import ObjectShift, cylinder_mm
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.pupil_nodes import PupilNodes, pupil_nodes
-from lensfit.optics.sections import cylinder_mm
 from lensfit.psf.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 
 _TURNS_PER_MM = 12.9898, 78.233
