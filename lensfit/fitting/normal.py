@@ -48,6 +48,7 @@ from lensfit.fitting.geometry import (
     parts_of,
     predicted_mm,
     shifted_mm,
+    split,
 )
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.view_stack import Detections
@@ -192,12 +193,6 @@ class _Blocks(NamedTuple):
     own: Float[Array, "2 views row local"]
     gradient: Float[Array, "2 views row"]
     chi_squared: Float[Array, "2"]
-
-
-def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
-    """Shared parameters, and one row of local ones for each view."""
-    local = parameters[layout.shared :].reshape(-1, layout.local)
-    return parameters[: layout.shared], local
 
 
 def predictions_mm(

@@ -112,7 +112,7 @@ class Pencil(NamedTuple):
     lateral_mm : Where its chief ray lands, from where green's does.
     grown : Direction cosines at the pupil over those for the reference distance.
     diffraction_mm2 : Variance of the Gaussian of each wavelength, but for the constant
-        of `kernel.pixels`.
+        of `spot`.
     """
 
     h: Float[Array, "2"]
