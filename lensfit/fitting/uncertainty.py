@@ -61,6 +61,7 @@ _LANDING = (
     *NAMED,
     "free_field",
 )
+"""What `optics.map_deviations.changed_distortion` changes, in its order and units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,15 +287,7 @@ def position_deviations_mm(
     undistorted_mm: Float[np.ndarray, "points 2"],
 ) -> Float[np.ndarray, "points 2"]:
     """`position_deviation_mm` along x and along y."""
-    layout = adjustment.layout
-    shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    rows = landing_rows(layout)
-    return optics.position_deviations_mm(
-        undistorted_mm,
-        compiled_distortion_of(shared, layout, adjustment.frame),
-        uncertainty.covariance[np.ix_(rows, rows)],
-        undistorted_mm,
-    )
+    return _landing_deviations_mm(adjustment, uncertainty.covariance, undistorted_mm)
 
 
 def position_variances_mm2(
@@ -304,23 +297,27 @@ def position_variances_mm2(
 ) -> dict[str, Float[np.ndarray, " points"]]:
     """What each of `Uncertainty.parts` adds to the square of `position_deviation_mm`;
     points as there."""
-    layout = adjustment.layout
-    shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    rows = landing_rows(layout)
     parts = uncertainty.parts
-    each = optics.position_deviations_mm(
-        undistorted_mm,
-        compiled_distortion_of(shared, layout, adjustment.frame),
-        np.stack([part[np.ix_(rows, rows)] for part in parts.values()]),
-        undistorted_mm,
-    )
+    stacked = np.stack(list(parts.values()))
+    each = _landing_deviations_mm(adjustment, stacked, undistorted_mm)
     return dict(zip(parts, np.sum(each**2, -1), strict=True))
 
 
-def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
-    """Indices of the parameters that `optics.map_deviations.changed_distortion`
-    changes, in its order and its units."""
-    return _rows_of(layout, _LANDING)
+def _landing_deviations_mm(
+    adjustment: Adjustment,
+    covariance: Float[np.ndarray, "*errors parameters parameters"],
+    undistorted_mm: Float[np.ndarray, "points 2"],
+) -> Float[np.ndarray, "*errors points 2"]:
+    """Standard deviations of positions by the covariance of all parameters."""
+    layout = adjustment.layout
+    shared = jnp.asarray(adjustment.parameters[: layout.shared])
+    rows = _rows_of(layout, _LANDING)
+    return optics.position_deviations_mm(
+        undistorted_mm,
+        compiled_distortion_of(shared, layout, adjustment.frame),
+        np.ascontiguousarray(covariance[..., rows[:, None], rows]),
+        undistorted_mm,
+    )
 
 
 def _rows_of(layout: Layout, names: Sequence[str]) -> Int[np.ndarray, " numbers"]:

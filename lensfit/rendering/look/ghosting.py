@@ -27,8 +27,13 @@ from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
 from lensfit.rendering.circle import Circle
-from lensfit.rendering.look.light import brightest_channel
-from lensfit.rendering.look.pyramid import Picture, doubled, halved, padded
+from lensfit.rendering.look.light import (
+    Picture,
+    brightest_channel,
+    doubled,
+    halved,
+    padded,
+)
 from lensfit.rendering.uv import PlateGeometry, window_grid
 
 if TYPE_CHECKING:

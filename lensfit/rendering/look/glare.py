@@ -53,19 +53,17 @@ from jaxtyping import Float32
 
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.look.light import (
+    Picture,
     all_light,
     brightness_above,
-    light_above,
-    picture_with_halo,
-)
-from lensfit.rendering.look.pyramid import (
-    Picture,
     doubled,
     gaussian,
     halved,
     left_of,
     level_of,
+    light_above,
     padded,
+    picture_with_halo,
     reach_of,
     relevelled,
 )
@@ -118,7 +116,7 @@ def haloed(
     Parameters
     ----------
     half_light_px : Size of the halo.
-    least_px : From `pyramid.least_sigma_px`.
+    least_px : From `light.least_sigma_px`.
     """
     narrowest = half_light_px / halo.half_light_radius
     sigmas = [narrowest * 2**m for m in range(len(halo.octaves))]
@@ -246,7 +244,7 @@ def filtered_picture(
     halo : `PRO_MIST` or `DIFFUSION`.
     share : Of the light that is scattered, 0 to 1.
     half_light_px : Within which half of that lands.
-    least_px : From `pyramid.least_sigma_px`.
+    least_px : From `light.least_sigma_px`.
     """
     light = all_light(colour)
     scattered = haloed(light, halo, half_light_px, least_px)
@@ -268,7 +266,7 @@ def bloomed(
     threshold : Scene-linear; see `light`.
     share : Of the light above it that blooms, 0 to 1.
     half_light_px : Within which half of it lands.
-    least_px : From `pyramid.least_sigma_px`.
+    least_px : From `light.least_sigma_px`.
     halo_radius_px : How much farther it spreads, as the half-light radius that adds to
         the other in quadrature; over the picture at any size. Nothing if None.
     """

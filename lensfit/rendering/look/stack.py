@@ -36,8 +36,13 @@ from lensfit.rendering.look.glare import (
     filtered_picture,
 )
 from lensfit.rendering.look.glint import WIDTH_SHARE, Star, glinted
-from lensfit.rendering.look.light import light_above
-from lensfit.rendering.look.pyramid import Picture, halved, least_sigma_px, padded
+from lensfit.rendering.look.light import (
+    Picture,
+    halved,
+    least_sigma_px,
+    light_above,
+    padded,
+)
 from lensfit.rendering.look.white_balance import (
     NEUTRAL_KELVIN,
     REC709,

@@ -11,7 +11,7 @@ from lensfit.rendering.look.glare import (
     haloed,
     octave_shares,
 )
-from lensfit.rendering.look.pyramid import (
+from lensfit.rendering.look.light import (
     doubled,
     gaussian,
     halved,
