@@ -12,8 +12,7 @@ import numpy as np
 
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
-from lensfit.fitting.colour.channel_colour import ChannelColour
-from lensfit.fitting.colour.lateral_colour import Views, fit_colours
+from lensfit.fitting.colour.lateral_colour import ChannelColour, Views, fit_colours
 from lensfit.fitting.decentring import DecentringTerms
 from lensfit.fitting.entrance_pupil import (
     EntrancePupil,
