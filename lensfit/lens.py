@@ -20,7 +20,7 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
 from lensfit.optics.map_deviations import MapCovariances
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.projection import PupilShift
 from lensfit.psf.lens_blur import LensBlur, perfect_blur
 from lensfit.psf.lens_psf import (
     KnownPsfs,

@@ -60,7 +60,7 @@ from lensfit.fitting.stage import Start, start_of
 from lensfit.fitting.stated_scale import with_fitted_scale_as_origin
 from lensfit.fitting.statements import Facts, Statement
 from lensfit.fitting.usual_lens import KnownPerspective
-from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
+from lensfit.optics.projection import BASE_PROJECTIONS, BaseProjection
 from lensfit.progress import Progress, silent
 
 COMPACT_RADIAL_TERMS = 3

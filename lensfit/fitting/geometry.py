@@ -11,7 +11,7 @@ Behind cylinders the entrance pupil lies elsewhere for x than for y, so that a l
 two centres of projection. That of y is the origin; x sees a point (X, Y, Z) from a gap
 g farther ahead, as X / (Z - g) times (Z0 - g) / Z0: at the distance Z0 of the boards,
 for which the chief-ray map is then made, both centres say the same. The pupil of other
-lenses shifts along the axis with field angle (`optics.pupil_shift`).
+lenses shifts along the axis with field angle (`optics.projection`).
 
 The image of a dot of finite size, photographed obliquely or through distortion, is not
 symmetric about the image of its centre: the near half is larger. The centroid bias that
@@ -37,7 +37,7 @@ from lensfit.fitting.parameters import (
 )
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, distorted_from_direction
-from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
+from lensfit.optics.projection import PupilShift, equivalent_chart_point
 from lensfit.programs import kept_program
 
 Parts = dict[str, Array]

@@ -25,8 +25,8 @@ from lensfit.fitting.geometry import compiled_distortion_of
 from lensfit.fitting.statements import Statement
 from lensfit.fitting.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fitting.usual_lens import KnownPerspective
-from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
+from lensfit.optics.projection import BaseProjection
 from lensfit.progress import Progress, silent
 
 _LEAST_PX = 1e-4

@@ -53,12 +53,12 @@ from lensfit.fitting.geometry import (
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.view_stack import Detections
 from lensfit.optics import field
-from lensfit.optics.base import image_of_direction
 from lensfit.optics.distortion import (
     box_from_principal_point,
     on_sensor_mm,
     radial_image,
 )
+from lensfit.optics.projection import image_of_direction
 
 GUARDED = (*NAMED, "free_field")
 """Blocks behind the guard, which follow each other in the vector."""

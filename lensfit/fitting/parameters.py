@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.optics import field
-from lensfit.optics.base import BaseProjection
+from lensfit.optics.projection import BaseProjection
 
 POSE_PARAMETERS = 6
 DRIFT_PARAMETERS = 2

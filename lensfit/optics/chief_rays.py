@@ -34,7 +34,7 @@ from lensfit.optics.map_deviations import (
     object_deviations_mm,
     position_deviations_mm,
 )
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.projection import PupilShift
 
 Channel = Literal["r", "g", "b"]
 _CHANNELS = ("r", "g", "b")

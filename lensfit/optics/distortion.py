@@ -37,7 +37,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.optics import field
-from lensfit.optics.base import (
+from lensfit.optics.projection import (
     BaseProjection,
     image_of_direction,
     image_of_undistorted,

@@ -32,7 +32,7 @@ from lensfit.optics.distortion import (
     distorted_from_undistorted,
 )
 from lensfit.optics.many_points import undistort
-from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
+from lensfit.optics.projection import PupilShift, equivalent_chart_point
 
 FRAME_GRID = (25, 17)
 """Columns and rows of points that stand for the whole frame."""

@@ -27,7 +27,7 @@ Pair = tuple[float, float]
 
 
 class PupilShift(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the entrance pupil moves with field angle (`lensfit.optics.pupil_shift`).
+    """How the entrance pupil moves with field angle (`lensfit.optics.projection`).
 
     Attributes
     ----------

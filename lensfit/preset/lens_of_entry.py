@@ -20,7 +20,7 @@ from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.projection import PupilShift
 from lensfit.preset import blocks
 from lensfit.preset.adjusted_lens import adjusted_lens
 from lensfit.preset.blocks import Camera

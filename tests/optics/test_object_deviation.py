@@ -16,7 +16,7 @@ from lensfit.optics.map_deviations import (
     moved_perspective,
     numbers_in,
 )
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.projection import PupilShift
 
 PUPIL_MM, CHART_MM = 90.0, 900.0
 SHIFT = PupilShift(jnp.asarray(-3.0), jnp.asarray(CHART_MM - PUPIL_MM))
