@@ -21,7 +21,7 @@ from lensfit.fitting.geometry import BoardPose, Frame, centroid_shift_mm
 from lensfit.fitting.levenberg import Quadratic, minimise
 from lensfit.fitting.normal import Equations, equations, predictions_mm
 from lensfit.fitting.parameters import Layout, Prior
-from lensfit.fitting.statements import Statements
+from lensfit.fitting.statements import Statements, statements_of
 from lensfit.fitting.view_stack import Detections, Stack, noise_mm2, whitening_of
 from lensfit.programs import kept_program
 
@@ -378,3 +378,45 @@ def fitted_depths_mm(adjustment: Adjustment) -> Float[np.ndarray, " views"]:
     nearer = local[:, layout.local_blocks["pose"]][:, 5]
     start_mm = np.asarray(adjustment.stack.view.translation_mm)[: len(local), 2]
     return start_mm * (1 + nearer)
+
+
+def with_fitted_scale_as_origin(fitted: Adjustment) -> Adjustment:
+    """The same fit, with its principal distance and poses as the origin of parameters.
+
+    Further steps then stay small, so that linearised statements remain accurate, and
+    the distance at which the map holds is the fitted distance of the boards.
+    """
+    layout, frame, stack = fitted.layout, fitted.frame, fitted.stack
+    if fitted.statements is None:
+        return fitted
+    views = len(stack.board)
+    focal = layout.blocks["focal_length"]
+    poses = layout.local_indices("pose", views)
+    parameters, mean = fitted.parameters.copy(), fitted.prior.mean.copy()
+    ratio = float(np.exp(parameters[focal][0]))
+    before_mm = np.asarray(stack.view.translation_mm)
+    moved = parameters[poses][:, 3:] * before_mm[:, 2:]
+    translation_mm = before_mm + moved
+    depths = fitted_depths_mm(fitted) / before_mm[:, 2]
+    unit_mm = float(frame.stated_focal_length_mm) * ratio
+    parameters[focal] = 0.0
+    for name in ("pupil_offset", "pupil_gap", "pupil_shift"):
+        for values in (parameters, mean):
+            values[layout.blocks[name]] /= ratio
+    parameters[poses[:, 3:]] = 0.0
+    mean[focal] = 0.0
+    view = stack.view._replace(translation_mm=jnp.asarray(translation_mm))
+    statements = statements_of(
+        fitted.statements.facts, layout, unit_mm, translation_mm[:, 2]
+    )
+    return replace(
+        fitted,
+        parameters=parameters,
+        prior=replace(fitted.prior, mean=mean),
+        frame=frame._replace(
+            stated_focal_length_mm=jnp.asarray(unit_mm),
+            board_distance_mm=frame.board_distance_mm * float(np.median(depths)),
+        ),
+        stack=replace(stack, view=view),
+        statements=replace(statements, weight=fitted.statements.weight),
+    )

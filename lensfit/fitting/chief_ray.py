@@ -20,7 +20,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
-from lensfit.fitting.adjust import COLLINEAR_DAMPING, Adjustment, adjust
+from lensfit.fitting.adjust import (
+    COLLINEAR_DAMPING,
+    Adjustment,
+    adjust,
+    with_fitted_scale_as_origin,
+)
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import (
     MANUFACTURING_TOLERANCE,
@@ -57,7 +62,6 @@ from lensfit.fitting.select import (
     shared_term_groups,
 )
 from lensfit.fitting.stage import Start, start_of
-from lensfit.fitting.stated_scale import with_fitted_scale_as_origin
 from lensfit.fitting.statements import Facts, Statement
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.projection import BASE_PROJECTIONS, BaseProjection

@@ -19,8 +19,8 @@ from lensfit.fitting.start import (
     Pose,
     focal_length_from_homographies,
     pose_from_homography,
+    stated_scale,
 )
-from lensfit.fitting.stated_scale import stated_scale
 from lensfit.fitting.statements import Facts, statements_of, views_sharing
 from lensfit.fitting.usual_lens import (
     KnownPerspective,

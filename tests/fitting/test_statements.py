@@ -11,7 +11,7 @@ from lensfit.fitting.chief_ray import fit_chief_ray
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.stage import facts_of
-from lensfit.fitting.stated_scale import stated_scale
+from lensfit.fitting.start import stated_scale
 from lensfit.fitting.statements import statements_of
 from lensfit.fitting.usual_lens import magnification_at
 
