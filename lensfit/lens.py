@@ -19,11 +19,18 @@ from lensfit.optics.chief_rays import Channel as Channel
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
-from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.map_deviations import MapCovariances
+from lensfit.optics.projection import PupilShift
 from lensfit.psf.lens_blur import LensBlur, perfect_blur
-from lensfit.psf.lens_psf import Optics, Points, Raster, lens_psfs
-from lensfit.psf.psf_deviation import KnownPsfs, MovedBlurs, known_psfs
+from lensfit.psf.lens_psf import (
+    KnownPsfs,
+    MovedBlurs,
+    Optics,
+    Points,
+    Raster,
+    known_psfs,
+    lens_psfs,
+)
 
 TOLERANCE = 0.01
 """Relative error of a point-spread function, when nobody says."""
@@ -42,7 +49,7 @@ class Lens(AbstractChiefRays):
     blur : Aberrations and pupil, or None when they were not measured (then the lens
         counts as perfect).
     moved_blurs : Makes the blur as changed by each independent error of its numbers, or
-        by so many random ones that represent all (`lensfit.psf.psf_deviation`); None
+        by so many random ones that represent all (`lensfit.psf.lens_psf`); None
         if these errors are unknown.
     largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to
         this radius; None for no limit.

@@ -153,10 +153,10 @@ def test_a_planted_cycle_of_rooms_is_caught():
 @pytest.mark.parametrize(
     ("source", "module", "is_package"),
     [
-        ("import lensfit.fitting.solve", "lensfit.lens", False),
-        ("from lensfit.fitting import solve", "lensfit.rendering.warp", False),
+        ("import lensfit.fitting.adjust", "lensfit.lens", False),
+        ("from lensfit.fitting import adjust", "lensfit.rendering.warp", False),
         ("from lensfit import workflow", "lensfit.io.exr", False),
-        ("from ..rendering import warp", "lensfit.fitting.solve", False),
+        ("from ..rendering import warp", "lensfit.fitting.adjust", False),
         ("from .. import cli", "lensfit.workflow.apply", False),
         ("from ..rendering.frame import render", "lensfit.preset", True),
         ("def f():\n    from lensfit.io import exr", "lensfit.detect.dots", False),
@@ -172,7 +172,7 @@ def test_planted_violations_are_caught(source: str, module: str, is_package: boo
     [
         (
             "from lensfit.detect.observations import Observations",
-            "lensfit.fitting.solve",
+            "lensfit.fitting.adjust",
         ),
         ("from lensfit.errors import FitError\nimport numpy", "lensfit.lens"),
         ("from .blocks import Distortion", "lensfit.preset.schema"),

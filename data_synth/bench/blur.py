@@ -36,8 +36,7 @@ from lensfit.fitting.wavefront.stages import Stage, recentre_patches, stage_on_d
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.programs import forget_programs
 from lensfit.progress import Progress, silent, stopwatch
-from lensfit.psf.pixels import image_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Spot, image_of
 from lensfit.workflow.calibration.observe import observe_shoot
 
 SETS = (

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from lensfit.detect.corners import find_charuco, find_checkerboard
-from lensfit.detect.dot_checks import primitive_cells
-from lensfit.detect.dots import find_dots
+from lensfit.detect.dots import find_dots, primitive_cells
 from lensfit.detect.lines import find_lines
 from lensfit.detect.observations import Observations, only
 from lensfit.detect.second_chart import larger_chart

@@ -47,7 +47,7 @@ from lensfit.exchange.samples import (
 )
 from lensfit.lens import Lens
 from lensfit.optics.lateral import ChannelShift
-from lensfit.rendering.uv import overscan_needed
+from lensfit.rendering.overscan import overscan_factor
 
 
 def lens_of_opentrackio(
@@ -178,7 +178,7 @@ def _fitted_sample(
         falloff, worst = _fitted_fall_off(lens, request.frame)
         nearness.append(Nearness(f"fall-off{where}", worst_light=worst))
     camera = request.preset.camera
-    needed = overscan_needed(
+    overscan = overscan_factor(
         lens,
         Window.of_size(*request.frame.size_px),
         sensor_width_mm=request.frame.sensor_width_mm,
@@ -199,7 +199,7 @@ def _fitted_sample(
         f_number=lens.f_number,
         entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
         falloff=falloff,
-        overscan=max(1.0, needed.factor),
+        overscan=overscan,
         colour=_colour_shifts(lens),
         history=(lens_description(request, lens),),
     ), nearness

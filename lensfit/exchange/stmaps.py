@@ -26,13 +26,13 @@ from lensfit.rendering.overscan import (
     Margins,
     cg_camera,
     margins_read,
+    overscan_factor,
     window_of_percent,
 )
 from lensfit.rendering.uv import (
     DEFAULT_TOLERANCE_PX,
     SourceMap,
     SpannedWidth,
-    overscan_needed,
     stmap_redistort,
     stmap_undistort,
 )
@@ -192,7 +192,7 @@ def write_stmaps(
     spanned_mm = frame.spanned_width_mm(lens)
     margins = margins_read(lens, display, sensor_width_mm=spanned_mm)
     percent = cg_camera(margins, display, spanned_mm).percent
-    factor = overscan_needed(lens, display, sensor_width_mm=spanned_mm).factor
+    factor = overscan_factor(lens, display, sensor_width_mm=spanned_mm)
     notes = (note,) if note else ()
     return WrittenStmaps(tuple(paths), margins, percent, factor, notes)
 

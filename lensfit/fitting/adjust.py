@@ -5,29 +5,24 @@ detection noise, is estimated from the median residual and added to the noise. W
 thus stay meaningful while the model is still coarse. Outliers are down-weighted by a
 Cauchy loss, and detections beyond `REJECT_BEYOND` standard deviations are not used.
 
-The image of a dot of finite size, photographed obliquely or through distortion, is not
-symmetric about the image of its centre: the near half is larger. The centroid bias that
-follows is computed and taken off. The dot's radiance is uniform, so its centroid is
-that of the area inside its outline, an integral along the outline. The outline is
-interpolated by a trigonometric polynomial through eight points, which is exact for
-every quadratic map, the leading term. Check: for a flat dot tilted by `a` the bias is
-f (r/Z)^2 sin(a) cos(a).
+Each solve minimises the whitened residuals of all detections, statements and priors by
+the method of `levenberg`, with the normal equations of `normal`.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from lensfit.fitting import normal, solve
-from lensfit.fitting.chunks import Detections
-from lensfit.fitting.geometry import BoardPose, Frame, predicted_mm
-from lensfit.fitting.normal import Equations
+from lensfit.fitting import levenberg
+from lensfit.fitting.geometry import BoardPose, Frame, centroid_shift_mm
+from lensfit.fitting.levenberg import Quadratic, minimise
+from lensfit.fitting.normal import Equations, equations, predictions_mm
 from lensfit.fitting.parameters import Layout, Prior
-from lensfit.fitting.statements import Statements
-from lensfit.fitting.view_stack import Stack, noise_mm2, whitening_of
+from lensfit.fitting.statements import Statements, statements_of
+from lensfit.fitting.view_stack import Detections, Stack, noise_mm2, whitening_of
 from lensfit.programs import kept_program
 
 CAUCHY_SCALE = 3.0
@@ -39,9 +34,104 @@ COLLINEAR_DAMPING = 1e-5
 _MOST_STEPS = 12
 _MEDIAN_OF_CHI2 = {1: 0.6745, 2: 1.1774}
 """Median length of a whitened residual of one and of two dimensions."""
+_predictions_mm = kept_program(static_argnames=("layout",))(predictions_mm)
 
 
-_predictions_mm = kept_program(static_argnames=("layout",))(normal.predictions_mm)
+class Stated(NamedTuple):
+    """Statements (`lensfit.fitting.statements`) as p.matrix.p - 2 vector.p +
+    constant."""
+
+    matrix: Float[Array, "parameters parameters"]
+    vector: Float[Array, " parameters"]
+    constant: Float[Array, ""]
+
+
+class Problem(NamedTuple):
+    """Everything the residual needs besides the parameters."""
+
+    views: BoardPose
+    detections: Detections
+    frame: Frame
+    prior_mean: Float[Array, " parameters"]
+    prior_precision: Float[Array, " parameters"]
+    free: Float[Array, " parameters"]
+    stated: Stated
+
+    @property
+    def prior(self) -> levenberg.Prior:
+        """As `levenberg` wants it."""
+        return levenberg.Prior(self.prior_mean, self.prior_precision, self.free)
+
+
+class Solution(NamedTuple):
+    """Where the solve ended.
+
+    Attributes
+    ----------
+    parameters : The solution; fixed ones at their prior mean.
+    converged : False when the step limit came first.
+    steps : Passes over the detections.
+    equations : Of both halves of the detections at the last pass, without priors, and
+        of all parameters, also of those that were fixed.
+    """
+
+    parameters: Float[Array, " parameters"]
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]
+    equations: Equations
+
+
+@kept_program(static_argnames=("layout",))
+def solve(
+    start: Float[Array, " parameters"],
+    problem: Problem,
+    layout: Layout,
+    tolerance: float,
+    most_steps: int,
+    first_damping: float,
+) -> Solution:
+    """Minimise the whitened residuals from `start`; compiled once per layout.
+
+    See `levenberg.minimise` for the last three. None has a default: leaving one out
+    would be another program to JAX.
+    """
+    found = minimise(
+        lambda parameters: both_halves(parameters, problem, layout),
+        start,
+        problem.prior,
+        tolerance,
+        most_steps,
+        first_damping,
+    )
+    return Solution(found.parameters, found.converged, found.steps, found.extra)
+
+
+def both_halves(
+    parameters: Float[Array, " parameters"], problem: Problem, layout: Layout
+) -> tuple[Quadratic, Equations]:
+    """The sum of squares of all detections and statements, and the equations of each
+    half of the detections."""
+    detections, frame = problem.detections, problem.frame
+    found = equations(parameters, problem.views, detections, layout, frame)
+    return with_statements(total(found), parameters, problem.stated), found
+
+
+def total(found: Equations) -> Quadratic:
+    """Both halves together."""
+    return Quadratic(*(jnp.sum(part, 0) for part in found))
+
+
+def with_statements(
+    found: Quadratic, parameters: Float[Array, " parameters"], stated: Stated
+) -> Quadratic:
+    """The sum of squares, and that of what is stated."""
+    turned = stated.matrix @ parameters
+    squares = parameters @ (turned - 2 * stated.vector) + stated.constant
+    return Quadratic(
+        found.matrix + stated.matrix,
+        found.gradient + turned - stated.vector,
+        found.chi_squared + squares,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +230,11 @@ def problem_of(
     adjustment: Adjustment,
     weight: Float[np.ndarray, "views detections"] | None = None,
     chunks: int | None = None,
-) -> solve.Problem:
+) -> Problem:
     """The least-squares problem of all detections, or of some chunks."""
     prior = adjustment.prior
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
-    return solve.Problem(
+    return Problem(
         views=adjustment.stack.view,
         detections=adjustment.detections(weight, chunks),
         frame=adjustment.frame,
@@ -155,13 +245,13 @@ def problem_of(
     )
 
 
-def stated_equations(adjustment: Adjustment) -> solve.Stated:
+def stated_equations(adjustment: Adjustment) -> Stated:
     """Equations of the stated values; zeros if there are none."""
     statements, size = adjustment.statements, len(adjustment.parameters)
     if statements is None:
-        return solve.Stated(*map(jnp.zeros, ((size, size), size, ())))
+        return Stated(*map(jnp.zeros, ((size, size), size, ())))
     found = statements.matrix, statements.vector, statements.constant
-    return solve.Stated(*map(jnp.asarray, found))
+    return Stated(*map(jnp.asarray, found))
 
 
 def adjust(
@@ -181,7 +271,7 @@ def adjust(
 
 def adjustment_at_solution(
     adjustment: Adjustment,
-    problem: solve.Problem,
+    problem: Problem,
     most_steps: int = _MOST_STEPS,
     damping: float = LITTLE_DAMPING,
 ) -> Adjustment:
@@ -207,8 +297,8 @@ def equations_at(adjustment: Adjustment) -> Equations:
 
 
 def _solve(
-    adjustment: Adjustment, problem: solve.Problem, most_steps: int, damping: float
-) -> solve.Solution:
+    adjustment: Adjustment, problem: Problem, most_steps: int, damping: float
+) -> Solution:
     """The solution, with parameters padded as by `Adjustment.filled_up`."""
     filled_up = adjustment.filled_up
     roomy = problem._replace(
@@ -220,14 +310,14 @@ def _solve(
     )
     start = jnp.asarray(filled_up(adjustment.parameters))
     layout = adjustment.layout
-    return solve.solve(start, roomy, layout, TOLERANCE, most_steps, damping)
+    return solve(start, roomy, layout, TOLERANCE, most_steps, damping)
 
 
-def _filled_up(stated: solve.Stated, adjustment: Adjustment) -> solve.Stated:
+def _filled_up(stated: Stated, adjustment: Adjustment) -> Stated:
     """The same, padded with zeros for `stack.filled_view`."""
     vector = adjustment.filled_up(stated.vector)
     matrix = jnp.pad(stated.matrix, (0, len(vector) - stated.vector.size))
-    return solve.Stated(matrix, jnp.asarray(vector), stated.constant)
+    return Stated(matrix, jnp.asarray(vector), stated.constant)
 
 
 def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
@@ -290,56 +380,43 @@ def fitted_depths_mm(adjustment: Adjustment) -> Float[np.ndarray, " views"]:
     return start_mm * (1 + nearer)
 
 
-_CORNERS = 8
-_ANGLES = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-_OUTLINE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], -1)
-_APART = np.subtract.outer(np.arange(_CORNERS), np.arange(_CORNERS))
-_SLOPE = (-1.0) ** _APART / 2 / np.tan(np.pi / _CORNERS * np.where(_APART, _APART, 4))
-"""Derivative along the angle of the trigonometric polynomial through eight points."""
+def with_fitted_scale_as_origin(fitted: Adjustment) -> Adjustment:
+    """The same fit, with its principal distance and poses as the origin of parameters.
 
-
-@kept_program(static_argnames=("layout",))
-def centroid_shift_mm(
-    parameters: Float[Array, " parameters"],
-    views: BoardPose,
-    view_of_chunk: Int[Array, " chunks"],
-    board: Float[Array, "chunks detections 2"],
-    radius_mm: Float[Array, " views"],
-    layout: Layout,
-    frame: Frame,
-) -> Float[Array, "chunks detections 2"]:
-    """Centroid of the image of each dot minus the image of its centre, mm.
-
-    `radius_mm` is that of the dots on the board; zero gives zero.
+    Further steps then stay small, so that linearised statements remain accurate, and
+    the distance at which the map holds is the fitted distance of the boards.
     """
-    shared, local = normal.split(parameters, layout)
-    points = jnp.concatenate([jnp.zeros((1, 2)), jnp.asarray(_OUTLINE)])
-
-    def shift(detection, own, view, radius):
-        def image(point):
-            around = detection + point * radius / view.half_board_mm
-            return predicted_mm(around, shared, own, view, layout, frame)
-
-        # One loop over the nine points keeps the program small.
-        images = jax.lax.map(image, points)
-        return _centroid(images[1:] - images[:1])
-
-    def chunk_shifts(board, k):
-        view = jax.tree.map(lambda a: a[k], views)
-        of_detections = jax.vmap(shift, (0, None, None, None))
-        return of_detections(board, local[k], view, radius_mm[k])
-
-    shifts_mm = jax.vmap(chunk_shifts)(board, view_of_chunk)
-    return jnp.where((radius_mm[view_of_chunk] > 0)[:, None, None], shifts_mm, 0.0)
-
-
-def _centroid(outline: Float[Array, "corners 2"]) -> Float[Array, "2"]:
-    """Centroid of the area inside an outline, relative to the origin inside it.
-
-    From Green's theorem: 2/3 of the mean of the outline, weighed by x dy - y dx.
-    """
-    slope = jnp.asarray(_SLOPE, outline.dtype) @ outline
-    cross = outline[:, 0] * slope[:, 1] - outline[:, 1] * slope[:, 0]
-    area = jnp.sum(cross)
-    safe = jnp.where(area == 0, 1.0, area)
-    return 2 * (cross @ outline) / (3 * safe)
+    layout, frame, stack = fitted.layout, fitted.frame, fitted.stack
+    if fitted.statements is None:
+        return fitted
+    views = len(stack.board)
+    focal = layout.blocks["focal_length"]
+    poses = layout.local_indices("pose", views)
+    parameters, mean = fitted.parameters.copy(), fitted.prior.mean.copy()
+    ratio = float(np.exp(parameters[focal][0]))
+    before_mm = np.asarray(stack.view.translation_mm)
+    moved = parameters[poses][:, 3:] * before_mm[:, 2:]
+    translation_mm = before_mm + moved
+    depths = fitted_depths_mm(fitted) / before_mm[:, 2]
+    unit_mm = float(frame.stated_focal_length_mm) * ratio
+    parameters[focal] = 0.0
+    for name in ("pupil_offset", "pupil_gap", "pupil_shift"):
+        for values in (parameters, mean):
+            values[layout.blocks[name]] /= ratio
+    parameters[poses[:, 3:]] = 0.0
+    mean[focal] = 0.0
+    view = stack.view._replace(translation_mm=jnp.asarray(translation_mm))
+    statements = statements_of(
+        fitted.statements.facts, layout, unit_mm, translation_mm[:, 2]
+    )
+    return replace(
+        fitted,
+        parameters=parameters,
+        prior=replace(fitted.prior, mean=mean),
+        frame=frame._replace(
+            stated_focal_length_mm=jnp.asarray(unit_mm),
+            board_distance_mm=frame.board_distance_mm * float(np.median(depths)),
+        ),
+        stack=replace(stack, view=view),
+        statements=replace(statements, weight=fitted.statements.weight),
+    )

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fitting.lens_state import LensState, by_focal_length
-from lensfit.fitting.stated_facts import PUPIL_MAGNIFICATION_WIDTH
+from lensfit.fitting.statements import PUPIL_MAGNIFICATION_WIDTH
 
 _REVERSED = 0.003
 """Of the principal distance: well above what distances are measured to."""

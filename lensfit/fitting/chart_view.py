@@ -13,10 +13,38 @@ from jaxtyping import Float
 
 from lensfit.detect.dot_images import DotImages
 from lensfit.detect.observations import Observations
-from lensfit.fitting.stated_facts import ORDINARY_WIDTHS, Widths
 from lensfit.units import dioptres_from_mm
 
 _SAME_FOCUS_DIOPTRES = 1e-3
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Standard deviations of stated values; shares are relative to the value.
+
+    Attributes
+    ----------
+    focal_length : Share.
+    f_number : Share of the stop's diameter.
+    distance_mm, distance : Of a distance from the sensor mark; both count.
+    pitch : Share.
+    diameter : Share, of a dot's.
+    """
+
+    focal_length: float = 0.03
+    f_number: float = 0.05
+    distance_mm: float = 5.0
+    distance: float = 0.003
+    pitch: float = 0.001
+    diameter: float = 0.01
+
+    def of_distance_mm(self, stated_mm: float) -> float:
+        """Of a board's distance, including the error of the chart's pitch."""
+        share = math.hypot(self.distance, self.pitch)
+        return math.hypot(self.distance_mm, share * stated_mm)
+
+
+ORDINARY_WIDTHS = Widths()
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fitting.adjust import COLLINEAR_DAMPING, Adjustment, adjust
-from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
-from lensfit.fitting.priors import loose_prior, release
+from lensfit.fitting.held_out import explained_by, halves_of, stated_statistics
+from lensfit.fitting.parameters import loose_prior, release
 from lensfit.fitting.select import TermDecision
 
 MANUFACTURING_TOLERANCE = {

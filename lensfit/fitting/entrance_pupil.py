@@ -8,7 +8,7 @@ measured as well, the difference is the position of the pupil: far in front of t
 sensor in a retrofocus lens, close to it in a telephoto lens.
 
 The pupil shifts along the axis with field angle (pupil aberration,
-`lensfit.optics.pupil_shift`). A tilted chart is near on one side of the frame and far
+`lensfit.optics.projection`). A tilted chart is near on one side of the frame and far
 on the other, so that this shift causes a measurable parallax.
 
 Both are parameters of the fit of every state, with the values of usual lenses as a
@@ -65,7 +65,7 @@ class EntrancePupil(NamedTuple):
 
 class FittedPupilShift(NamedTuple):
     """Shift of the entrance pupil towards the scene, per squared sine of the field
-    angle (`optics.pupil_shift`)."""
+    angle (`optics.projection`)."""
 
     shift_mm: float
     standard_deviation_mm: float

@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float, Int
 from lensfit.fitting.adjust import Adjustment, model_variance_mm2
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.entrance_pupil import FittedPupilShift
-from lensfit.fitting.half_equations import stated_statistics
+from lensfit.fitting.held_out import stated_statistics
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.uncertainty import shared_moves_of
 from lensfit.fitting.view_stack import observed_of, whitening_of

@@ -12,8 +12,7 @@ import numpy as np
 
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
-from lensfit.fitting.colour.channel_colour import ChannelColour
-from lensfit.fitting.colour.lateral_colour import Views, fit_colours
+from lensfit.fitting.colour.lateral_colour import ChannelColour, Views, fit_colours
 from lensfit.fitting.decentring import DecentringTerms
 from lensfit.fitting.entrance_pupil import (
     EntrancePupil,
@@ -21,14 +20,13 @@ from lensfit.fitting.entrance_pupil import (
     entrance_pupil,
     fitted_pupil_shift,
 )
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.fall_off.illumination import fit_illumination
+from lensfit.fitting.fall_off.illumination import FallOffFit, fit_illumination
 from lensfit.fitting.geometry import compiled_distortion_of
 from lensfit.fitting.statements import Statement
 from lensfit.fitting.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fitting.usual_lens import KnownPerspective
-from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
+from lensfit.optics.projection import BaseProjection
 from lensfit.progress import Progress, silent
 
 _LEAST_PX = 1e-4

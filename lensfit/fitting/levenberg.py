@@ -14,7 +14,7 @@ for convergence.
 Marquardt's scaling damps every parameter in proportion to its curvature; a prior of
 zero width removes a parameter from the step.
 
-This is the only module that uses Optimistix; `solve` and `wavefront.stages` define the
+This is the only module that uses Optimistix; `adjust` and `wavefront.stages` define the
 problems.
 """
 

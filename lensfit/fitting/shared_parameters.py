@@ -23,7 +23,7 @@ from lensfit.fitting.entrance_pupil import (
 from lensfit.fitting.joint_adjustment import pupil_shift_with_shared_errors
 from lensfit.fitting.lens_state import LensState, by_focal_length, fit_state
 from lensfit.fitting.usual_lens import KnownPerspective
-from lensfit.optics.base import BaseProjection
+from lensfit.optics.projection import BaseProjection
 from lensfit.progress import Progress
 
 

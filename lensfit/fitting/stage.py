@@ -19,10 +19,9 @@ from lensfit.fitting.start import (
     Pose,
     focal_length_from_homographies,
     pose_from_homography,
+    stated_scale,
 )
-from lensfit.fitting.stated_facts import Facts, views_sharing
-from lensfit.fitting.stated_scale import stated_scale
-from lensfit.fitting.statements import statements_of
+from lensfit.fitting.statements import Facts, statements_of, views_sharing
 from lensfit.fitting.usual_lens import (
     KnownPerspective,
     magnification_at,

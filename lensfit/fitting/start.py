@@ -1,8 +1,16 @@
-"""Start values of a pose: a homography, decomposed with the stated focal length.
+"""Start values: poses by homographies, and their scale by what was stated.
 
-Distortion is least near the middle of the frame, so the homography is fitted to the
-third of the detections nearest to it. Rotation and distance are as accurate as the
+A homography is decomposed with the stated focal length. Distortion is least near the
+middle of the frame, so the homography is fitted to the third of the detections nearest
+to it. Rotation and distance are as accurate as the
 stated focal length, which suffices as a start.
+
+Boards square to the axis have the same image at twice the focal length and twice the
+distance. The scale therefore follows from stated values alone: the focal length,
+distances measured from the sensor, and the usual position of the entrance pupil, from
+which perspective counts. Start poses are scaled by a robust least-squares fit to these
+values; the geometric fit then has the same values as residuals
+(`lensfit.fitting.statements`).
 
 Reference: Z. Zhang, IEEE PAMI 22 (2000) 1330-1334, section 3.1.
 """
@@ -12,8 +20,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import least_squares
 
 from lensfit.errors import FitError
+from lensfit.fitting.statements import CAUCHY_SCALE, Facts
 
 _FEWEST_DETECTIONS = 20
 _CENTRAL_SHARE = 1 / 3
@@ -21,6 +31,8 @@ _LEAST_TILT = 0.12
 """Sine of the tilt below which a homography is silent about the focal length."""
 _LEAST_STATED_TILT = 0.07
 """The same with the stated focal length, which may be off itself."""
+_LARGEST = 50.0
+"""Largest logarithm of a ratio, so that trial steps do not overflow."""
 
 
 class Pose(NamedTuple):
@@ -114,3 +126,65 @@ def focal_length_from_homographies(
     if stated_mm is not None:
         tilted &= stated_mm * max(foreshortening) > _LEAST_STATED_TILT
     return found if tilted else None
+
+
+class StatedScale(NamedTuple):
+    """The scale of poses that were found with some principal distance.
+
+    Attributes
+    ----------
+    ratio : Factor for principal distance and depths.
+    cost : Remaining robust sum of squares, in widths.
+    """
+
+    ratio: float
+    cost: float
+
+
+def stated_scale(
+    facts: Facts,
+    principal_distance_mm: float,
+    depth_mm: Float[np.ndarray, " views"],
+) -> StatedScale:
+    """The scale with the smallest robust residuals of the stated values.
+
+    Parameters
+    ----------
+    principal_distance_mm : With which the poses were found.
+    depth_mm : Distances of the boards from the entrance pupil, in those poses.
+    """
+    measured = np.isfinite(facts.target_distance_mm)
+    stated_mm = facts.target_distance_mm[measured]
+    width_mm = np.array([facts.widths.of_distance_mm(float(d)) for d in stated_mm])
+    width_mm = width_mm * np.sqrt(facts.shared[measured])
+    pupil = facts.perspective.pupil
+
+    def residuals(guess: np.ndarray) -> np.ndarray:
+        ratio = np.exp(min(guess[0], _LARGEST))
+        offset_mm = guess[1] * pupil.standard_deviation_mm
+        fitted_mm = depth_mm[measured] * ratio + offset_mm
+        c_mm = principal_distance_mm * ratio
+        of_focal = np.log(c_mm / facts.principal_distance_mm)
+        return np.concatenate(
+            [
+                (fitted_mm - stated_mm) / width_mm,
+                [
+                    of_focal / facts.focal_length_width,
+                    (offset_mm - pupil.offset_mm) / pupil.standard_deviation_mm,
+                ],
+            ]
+        )
+
+    stated = np.log(facts.principal_distance_mm / principal_distance_mm)
+    usual = pupil.offset_mm / pupil.standard_deviation_mm
+    starts = [np.array([stated, usual])]
+    if measured.any():
+        # If focal length and distances contradict each other, either may be right.
+        ratios = (stated_mm - pupil.offset_mm) / depth_mm[measured]
+        starts.append(np.array([np.log(max(np.median(ratios), 0.05)), usual]))
+    found = [
+        least_squares(residuals, start, loss="cauchy", f_scale=CAUCHY_SCALE)
+        for start in starts
+    ]
+    best = min(found, key=lambda one: one.cost)
+    return StatedScale(float(np.exp(best.x[0])), 2 * float(best.cost))

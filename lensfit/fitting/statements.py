@@ -25,19 +25,68 @@ observations.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.chart_view import Widths
 from lensfit.fitting.parameters import Layout
-from lensfit.fitting.stated_facts import Facts
-from lensfit.fitting.usual_lens import KnownPupil, KnownPupilShift
+from lensfit.fitting.usual_lens import KnownPerspective, KnownPupil, KnownPupilShift
 
+PUPIL_MAGNIFICATION_WIDTH = 0.5
+"""Standard deviation of 1 / (pupil magnification) from 1 in usual lenses."""
 CAUCHY_SCALE = 3.0
 CONTRADICTION = 3.0
 """Widths beyond which a statement contradicts the photographs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """Stated values of the views of one lens state, in the order of its arrays.
+
+    Attributes
+    ----------
+    names : Of the photographs.
+    focal_length_mm : Of anamorphic lenses the geometric mean of both axes.
+    engraving : Stated focal length over `focal_length_mm`.
+    magnification : At the focus distance.
+    target_distance_mm : From the sensor; NaN if not measured.
+    shared : Number of views that share each distance.
+    perspective : Prior of the entrance pupil and its shift with field angle.
+    widths : Standard deviations of the stated values.
+    """
+
+    names: tuple[str, ...]
+    focal_length_mm: float
+    engraving: float
+    magnification: float
+    target_distance_mm: Float[np.ndarray, " views"]
+    shared: Float[np.ndarray, " views"]
+    perspective: KnownPerspective
+    widths: Widths
+
+    @property
+    def principal_distance_mm(self) -> float:
+        """Principal distance of the stated focal length at the focus distance."""
+        return self.focal_length_mm * (1 + self.magnification)
+
+    @property
+    def focal_length_width(self) -> float:
+        """Standard deviation of ln(principal distance): pupil magnification and moving
+        groups change how it increases towards near focus."""
+        return math.hypot(
+            self.widths.focal_length, PUPIL_MAGNIFICATION_WIDTH * self.magnification
+        )
+
+
+def views_sharing(keys: Sequence[tuple]) -> Float[np.ndarray, " views"]:
+    """For each view, how many views have the same key."""
+    return np.array([float(sum(other == key for other in keys)) for key in keys])
+
+
 Quantity = Literal[
     "focal_length",
     "target_distance",

@@ -21,7 +21,7 @@ the next order of the shift, and a shift that was held fixed. Extrapolation has 
 of its own: at a corner without detections the model carries these errors outwards.
 
 Standard deviations of chief rays, without the part that a change of the camera's pose
-would compensate, are computed in `lensfit.optics.position_deviation`.
+would compensate, are computed in `lensfit.optics.map_deviations`.
 """
 
 import math
@@ -37,13 +37,12 @@ from lensfit.fitting.adjust import Adjustment, equations_at
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.geometry import NAMED, compiled_distortion_of
-from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
-from lensfit.fitting.parameters import Layout
-from lensfit.fitting.priors import loose_prior, release
+from lensfit.fitting.held_out import explained_by, halves_of, stated_statistics
+from lensfit.fitting.parameters import Layout, loose_prior, release
 from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
 from lensfit.fitting.usual_lens import next_order_of_pupil_shift_mm
 from lensfit.fitting.view_stack import residuals_of
-from lensfit.optics import position_deviation as optics
+from lensfit.optics import map_deviations as optics
 
 SYSTEMATIC_PX = 0.006
 """Rms effect of systematic errors on the detections, after the poses were adjusted. For
@@ -62,6 +61,7 @@ _LANDING = (
     *NAMED,
     "free_field",
 )
+"""What `optics.map_deviations.changed_distortion` changes, in its order and units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,15 +287,7 @@ def position_deviations_mm(
     undistorted_mm: Float[np.ndarray, "points 2"],
 ) -> Float[np.ndarray, "points 2"]:
     """`position_deviation_mm` along x and along y."""
-    layout = adjustment.layout
-    shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    rows = landing_rows(layout)
-    return optics.position_deviations_mm(
-        undistorted_mm,
-        compiled_distortion_of(shared, layout, adjustment.frame),
-        uncertainty.covariance[np.ix_(rows, rows)],
-        undistorted_mm,
-    )
+    return _landing_deviations_mm(adjustment, uncertainty.covariance, undistorted_mm)
 
 
 def position_variances_mm2(
@@ -305,23 +297,27 @@ def position_variances_mm2(
 ) -> dict[str, Float[np.ndarray, " points"]]:
     """What each of `Uncertainty.parts` adds to the square of `position_deviation_mm`;
     points as there."""
-    layout = adjustment.layout
-    shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    rows = landing_rows(layout)
     parts = uncertainty.parts
-    each = optics.position_deviations_mm(
-        undistorted_mm,
-        compiled_distortion_of(shared, layout, adjustment.frame),
-        np.stack([part[np.ix_(rows, rows)] for part in parts.values()]),
-        undistorted_mm,
-    )
+    stacked = np.stack(list(parts.values()))
+    each = _landing_deviations_mm(adjustment, stacked, undistorted_mm)
     return dict(zip(parts, np.sum(each**2, -1), strict=True))
 
 
-def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
-    """Indices of the parameters that `optics.position_deviation.changed_distortion`
-    changes, in its order and its units."""
-    return _rows_of(layout, _LANDING)
+def _landing_deviations_mm(
+    adjustment: Adjustment,
+    covariance: Float[np.ndarray, "*errors parameters parameters"],
+    undistorted_mm: Float[np.ndarray, "points 2"],
+) -> Float[np.ndarray, "*errors points 2"]:
+    """Standard deviations of positions by the covariance of all parameters."""
+    layout = adjustment.layout
+    shared = jnp.asarray(adjustment.parameters[: layout.shared])
+    rows = _rows_of(layout, _LANDING)
+    return optics.position_deviations_mm(
+        undistorted_mm,
+        compiled_distortion_of(shared, layout, adjustment.frame),
+        np.ascontiguousarray(covariance[..., rows[:, None], rows]),
+        undistorted_mm,
+    )
 
 
 def _rows_of(layout: Layout, names: Sequence[str]) -> Int[np.ndarray, " numbers"]:

@@ -6,7 +6,7 @@ farther back in telephoto lenses. For 13 published designs of 14 to 200 mm, from
 telephoto to retrofocus, it is within 1.5 of the widths below.
 
 The pupil shifts along the axis with field angle (pupil aberration,
-`lensfit.optics.pupil_shift`). Traced through sixteen published designs, f/1.1 to f/5,
+`lensfit.optics.projection`). Traced through sixteen published designs, f/1.1 to f/5,
 to 17 degrees off axis, the shift per squared sine of the field angle is
 
     -0.7 f / N^2

@@ -27,10 +27,14 @@ from lensfit.optics.many_points import (
     project,
     undistort,
 )
-from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.object_deviation import Perspective, object_deviations_mm
-from lensfit.optics.position_deviation import frame_points_mm, position_deviations_mm
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.map_deviations import (
+    MapCovariances,
+    Perspective,
+    frame_points_mm,
+    object_deviations_mm,
+    position_deviations_mm,
+)
+from lensfit.optics.projection import PupilShift
 
 Channel = Literal["r", "g", "b"]
 _CHANNELS = ("r", "g", "b")

@@ -19,7 +19,7 @@ from lensfit.optics.lateral import (
     displacement_basis,
     green_from_channel,
 )
-from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
+from lensfit.optics.projection import PupilShift, equivalent_chart_point
 
 
 def displaced(

@@ -15,9 +15,9 @@ aperture on the axis, are
     u = S(h) s,
 
 with S a stretch along and across the field direction: the foreshortened, aberrated exit
-pupil. A pencil's light is nearly uniform in u (`optics.etendue` has the rest), so that
-the area of the opening over that on the axis is the relative illumination, natural
-fall-off included.
+pupil. A pencil's light is nearly uniform in u (`aberration.light_density` has the
+rest), so that the area of the opening over that on the axis is the relative
+illumination, natural fall-off included.
 
 All boundaries are convex, so the opening is seen from a point inside it as one radius
 for each azimuth: the smallest distance to any boundary, taken as a p-norm. That makes
@@ -133,7 +133,6 @@ def places_in_stop(
     h: Float[Array, "2"],
     stop_radius: Float[Array, ""],
     pupil: Pupil,
-    sharpness: float = SHARPNESS,
 ) -> tuple[Float[Array, "rays 2"], Float[Array, " rays"]]:
     """Where rays pass the stop, from its middle and in its radii, x right and y down;
     and how far away its edge is in the direction of each.
@@ -146,9 +145,9 @@ def places_in_stop(
     s = u @ jnp.linalg.inv(stretch_matrix(h, pupil)) - middle[None]
     length = jnp.sqrt(jnp.sum(s * s, -1) + 1e-24)
     outward, nowhere = s / length[:, None], jnp.zeros_like(h)
-    a, b, c = _stop_edges(outward, nowhere, stop_radius, pupil, sharpness)
+    a, b, c = _stop_edges(outward, nowhere, stop_radius, pupil, SHARPNESS)
     inverse = (b + _root(b * b - (4 * a * c)[None])) / (-2 * c)[None]
-    edge = _nearest(inverse, sharpness)
+    edge = _nearest(inverse, SHARPNESS)
     return s / stop_radius, edge / stop_radius
 
 
@@ -157,7 +156,6 @@ def nearest_in_opening(
     h: Float[Array, "2"],
     stop_radius: Float[Array, ""],
     pupil: Pupil,
-    sharpness: float = SHARPNESS,
 ) -> tuple[Float[Array, "rays 2"], Bool[Array, " rays"]]:
     """Rays, or those at the edge of the opening on the way to them from inside; and
     which rays the opening lets through.
@@ -171,7 +169,7 @@ def nearest_in_opening(
     away = u @ jnp.linalg.inv(matrix) - inner[None]
     length = jnp.sqrt(jnp.sum(away * away, -1) + 1e-24)
     outward = away / length[:, None]
-    edge = _radius(outward, inner, h, stop_radius, pupil, sharpness)
+    edge = _radius(outward, inner, h, stop_radius, pupil, SHARPNESS)
     inside = length <= edge
     at_edge = (inner[None] + outward * edge[:, None]) @ matrix
     return jnp.where(inside[:, None], u, at_edge), inside
@@ -193,15 +191,12 @@ def opening_area(
 
 
 def relative_illumination(
-    h: Float[Array, "2"],
-    stop_radius: Float[Array, ""],
-    pupil: Pupil,
-    sharpness: float = SHARPNESS,
+    h: Float[Array, "2"], stop_radius: Float[Array, ""], pupil: Pupil
 ) -> Float[Array, ""]:
     """Brightness of an evenly lit chart's image, 1 on the axis."""
     axis = jnp.zeros_like(h)
-    here = opening_area(h, stop_radius, pupil, sharpness)
-    return here / opening_area(axis, stop_radius, pupil, sharpness)
+    here = opening_area(h, stop_radius, pupil)
+    return here / opening_area(axis, stop_radius, pupil)
 
 
 def width_along_field(

@@ -36,8 +36,7 @@ from jaxtyping import Bool, Float32, Int, UInt32
 
 from lensfit.io.cryptomatte import Ranks, coverage_of
 from lensfit.rendering.layer_stack import LayerStack, Mattes
-from lensfit.rendering.nearest import nearest_pixels
-from lensfit.rendering.neighbourhood_mean import neighbourhood_mean
+from lensfit.rendering.neighbours import nearest_pixels, neighbourhood_mean
 
 RANKS = 2
 """Objects of a pixel that the renderer tells apart."""

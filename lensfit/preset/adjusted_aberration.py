@@ -34,9 +34,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from lensfit.optics.aberration import Aberration
-from lensfit.optics.modes import radial_polynomial
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
-from lensfit.optics.terms import Term
+from lensfit.optics.terms import Term, radial_polynomial
 from lensfit.preset.knob_groups import AberrationKnobs
 
 Terms = dict[Term, Float[np.ndarray, "3"]]

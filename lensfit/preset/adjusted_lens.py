@@ -33,12 +33,13 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.lens import Lens
-from lensfit.optics import radial
-from lensfit.optics.distortion import Distortion
+from lensfit.optics.distortion import Distortion, log_slope, magnification
 from lensfit.optics.lateral import ChannelShift, LateralColour, no_lateral_colour
-from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.object_deviation import PERSPECTIVE_NUMBERS
-from lensfit.optics.position_deviation import gain_of_numbers
+from lensfit.optics.map_deviations import (
+    PERSPECTIVE_NUMBERS,
+    MapCovariances,
+    gain_of_numbers,
+)
 from lensfit.preset.adjusted_aberration import adjusted_aberration
 from lensfit.preset.adjusted_pupil import blur_with_adjusted_pupil, with_adjusted_rims
 from lensfit.preset.adjusted_vignetting import adjusted_illumination
@@ -89,7 +90,7 @@ def _stated(distortion: Distortion, edge_mm: float, relative: float) -> Distorti
     valid = distortion.valid_radius**2
     for shape in (distortion.radial, jnp.ones(1)):
         steepest = float(
-            jnp.max(jnp.abs(radial.log_slope(square * _SHARES, shape, valid)))
+            jnp.max(jnp.abs(log_slope(square * _SHARES, shape, valid)))
             if shape.size
             else 0.0
         )
@@ -107,7 +108,7 @@ def _stated(distortion: Distortion, edge_mm: float, relative: float) -> Distorti
     raise ValueError(f"no distortion of {100 * relative:g} %")
 
 
-_magnification = jax.jit(radial.magnification)
+_magnification = jax.jit(magnification)
 _SHARES = jnp.asarray(np.linspace(0, 1, 17))
 
 

@@ -1,7 +1,7 @@
 """The pupil after the knobs are applied: blades, roundness, oval, rims, transmission.
 
 Blades, rotation and roundness replace or change numbers of `lensfit.optics.pupil`; ring
-brightness and filter image are a `lensfit.optics.transmission`. The squeeze stretches
+brightness and filter image are a `lensfit.optics.stop_places`. The squeeze stretches
 the landing points of the rays, in focus and out of it. Where an adjusted pupil passes
 rays that were not measured (in the corners of blades and beyond the rims), they take
 the aberration of the nearest measured ray.
@@ -28,7 +28,7 @@ from jaxtyping import Float
 from lensfit.errors import ImageError
 from lensfit.io.image import read_photograph
 from lensfit.optics.pupil import Pupil
-from lensfit.optics.transmission import SIZES_PX, Transmission
+from lensfit.optics.stop_places import SIZES_PX, Transmission
 from lensfit.preset.knob_groups import BokehKnobs
 from lensfit.psf.lens_blur import LensBlur
 

@@ -98,7 +98,7 @@ Pair = tuple[float, float]
 
 
 class PupilShift(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the entrance pupil moves with field angle (`lensfit.optics.pupil_shift`).
+    """How the entrance pupil moves with field angle (`lensfit.optics.projection`).
 
     Attributes
     ----------
@@ -389,7 +389,7 @@ class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     uncertainty : Of all these numbers; None if unknown.
     beyond_offset_mm : Of an anamorphic lens: how much farther its section along x is
         out of focus than its section along y, beyond what makes both sharp at one
-        distance (`lensfit.optics.sections`); `focus_offset_mm` is then that of y. Null
+        distance (`lensfit.optics.depth`); `focus_offset_mm` is then that of y. Null
         where the two are one.
     """
 

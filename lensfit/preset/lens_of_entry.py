@@ -28,8 +28,8 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.field import ANAMORPHIC_TERMS, DECENTERING_TERMS, PRISM_TERMS
 from lensfit.optics.lateral import ChannelShift
-from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.map_deviations import MapCovariances
+from lensfit.optics.projection import PupilShift
 from lensfit.preset import blocks
 from lensfit.preset.adjusted_lens import adjusted_lens
 from lensfit.preset.blocks import (
@@ -46,7 +46,7 @@ from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.photographed_stops import unphotographed_f_number_note
 from lensfit.preset.select_entry import Selection
 from lensfit.psf.lens_blur import LensBlur
-from lensfit.psf.psf_deviation import STEP, MovedBlur, fewer_moves
+from lensfit.psf.lens_psf import STEP, MovedBlur, fewer_moves
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 """Note of a preset without a measured blur."""
@@ -105,7 +105,7 @@ def _perturbed_blurs(
     chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
 ) -> Iterator[MovedBlur]:
     """The blur at that state for every move of the block's uncertainty, or for so many
-    that stand for all, adjusted alike; see `lensfit.psf.psf_deviation`. `lens` is
+    that stand for all, adjusted alike; see `lensfit.psf.lens_psf`. `lens` is
     not adjusted yet."""
     block, f_number = chosen.entry.blur, chosen.f_number
     assert block is not None
@@ -319,7 +319,7 @@ def _of_fall_off(
 def _of_distortion(
     covariance: Covariance | None, distortion: Distortion
 ) -> Float[np.ndarray, "numbers numbers"] | None:
-    """Of the numbers of `lensfit.optics.position_deviation.changed_distortion`.
+    """Of the numbers of `lensfit.optics.map_deviations.changed_distortion`.
 
     None if the file does not state what one of them multiplies.
     """

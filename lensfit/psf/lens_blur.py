@@ -23,7 +23,13 @@ from lensfit.optics.aberration import (
     local_wavefront,
     no_aberration,
 )
-from lensfit.optics.depth import ObjectShift, object_shift
+from lensfit.optics.depth import (
+    ObjectShift,
+    cylinder_mm,
+    log_squeeze,
+    object_shift,
+    sections_of,
+)
 from lensfit.optics.distortion import (
     Distortion,
     jacobian_at,
@@ -41,9 +47,8 @@ from lensfit.optics.paraxial import (
     rim_sine,
 )
 from lensfit.optics.pupil import Pupil, clear_pupil, opening_area
-from lensfit.optics.sections import cylinder_mm, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_at
-from lensfit.optics.transmission import Transmission
+from lensfit.optics.stop_places import Transmission
 
 _MM_PER_NM = 1e-6
 _EXACT_AT = (0.7, 1.05)
@@ -70,7 +75,7 @@ class LensBlur(eqx.Module):
         where the lens' own was turned; None for the lens' own.
     beyond_mm : How much farther than the y section the x section of an anamorphic lens
         is out of focus, beyond what makes both sharp at the focus distance
-        (`optics.sections`); None for a lens that has but one section.
+        (`optics.depth`); None for a lens that has but one section.
     is_ideal : Whether nobody measured it, and nothing but its stop was turned.
     """
 
@@ -107,7 +112,7 @@ class Pencil(NamedTuple):
     lateral_mm : Where its chief ray lands, from where green's does.
     grown : Direction cosines at the pupil over those for the reference distance.
     diffraction_mm2 : Variance of the Gaussian of each wavelength, but for the constant
-        of `kernel.pixels`.
+        of `spot`.
     """
 
     h: Float[Array, "2"]

@@ -18,16 +18,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
+from lensfit.optics.aberration import (
+    LocalWavefront,
+    landing_and_jacobian_mm,
+    light_density,
+)
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.etendue import light_density
 from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
-from lensfit.optics.stop_places import rays_at_stop
-from lensfit.optics.transmission import transmitted
+from lensfit.optics.stop_places import rays_at_stop, transmitted
 from lensfit.programs import kept_program
 from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.psf.pixels import AIRY_SIGMA
-from lensfit.psf.spot import Landed
+from lensfit.psf.spot import AIRY_SIGMA, Landed
 
 FOOTPRINT = 0.35
 """Variance of a ray's Gaussian over the area of its cell's image."""

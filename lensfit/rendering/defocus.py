@@ -22,7 +22,7 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.buffers import crop
-from lensfit.rendering.flat_plate import FlatPlate
+from lensfit.rendering.flat_plate import FlatPlate, shared_pixels
 from lensfit.rendering.gather import TILE, PackedSurfaces, gather
 from lensfit.rendering.highlights import Highlights, Spot, spots
 from lensfit.rendering.layer_stack import LayerStack, flattened_layers
@@ -30,7 +30,6 @@ from lensfit.rendering.light_mesh import light_kernel
 from lensfit.rendering.packed_surfaces import packed_surfaces
 from lensfit.rendering.plate_defocus import Defocus, Rays
 from lensfit.rendering.ray_field import RayField, window_steps_px
-from lensfit.rendering.shared_pixels import shared_pixels
 from lensfit.rendering.surfaces import (
     Slabs,
     Surface,

@@ -19,7 +19,7 @@ from lensfit.cores import available_cores
 from lensfit.rendering.defocus import tile_with_margin, tiles_of
 from lensfit.rendering.gather import TILE, points_along, step_for
 from lensfit.rendering.inpainting import NOWHERE, joined_in_cells, sight_of_cells_px
-from lensfit.rendering.nearest import nearest_pixels
+from lensfit.rendering.neighbours import nearest_pixels
 from lensfit.rendering.plate_defocus import Defocus, Rays
 from lensfit.rendering.surfaces import EVEN_PX
 

@@ -13,8 +13,8 @@ RMS error of a shifted sine of unit amplitude, by its frequency in cycles/px:
     spline          16+  1.7e-5   2.9e-4   6.3e-3   4.9e-2   2.4e-1    4
 
 OpenCV's cubic (a = -0.75) does not reproduce a ramp; `cubic` is the same kernel, read
-at the fraction where it does, so that OpenCV can do the work (`rendering.remap`). On a
-picture with a natural spectrum (amplitude as 1/f) it is as good as catmull-rom; on a
+at the fraction where it does, so that OpenCV can do the work (`resample.remapped`). On
+a picture with a natural spectrum (amplitude as 1/f) it is as good as catmull-rom; on a
 smooth picture the others are better. A prefiltered cubic spline is the most accurate
 for its taps, but its prefilter rings over a dozen pixels, which a highlight of a
 thousand times its surroundings makes visible. All filters here have compact support and

@@ -21,8 +21,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.rendering.nearest import nearest_pixels
-from lensfit.rendering.neighbourhood_mean import neighbourhood_mean
+from lensfit.rendering.neighbours import nearest_pixels, neighbourhood_mean
 
 _WHITE = 1.0
 _ABOVE = 2.0

@@ -74,7 +74,14 @@ def aberration_dots(
     canvas = np.zeros((window.height + 2 * margin, window.width + 2 * margin, 3))
     for first in range(0, len(landed), _BATCH):
         points = landed[first : first + _BATCH]
-        finer = _kernels(lens, geometry, points, object_distance_mm, kernel_px)
+        finer = _psfs(
+            lens,
+            geometry,
+            points,
+            object_distance_mm,
+            _FINER * kernel_px,
+            _FINER,
+        )
         light = _light(lens, geometry, points)
         for point, kernel, gain in zip(
             points - low + margin, finer, light, strict=True
@@ -130,18 +137,6 @@ def _psfs(
         tolerance=_TOLERANCE,
     )
     return np.asarray(kernels)[: len(points_px)]
-
-
-def _kernels(
-    lens: "Lens",
-    geometry: PlateGeometry,
-    points_px: np.ndarray,
-    object_distance_mm: float,
-    size_px: int,
-) -> Float[np.ndarray, "points 3 size size"]:
-    return _psfs(
-        lens, geometry, points_px, object_distance_mm, _FINER * size_px, _FINER
-    )
 
 
 def _size_px(lens: "Lens", geometry: PlateGeometry, object_distance_mm: float) -> int:

@@ -13,7 +13,7 @@ relative (1 + percent/100 of the frame's own border).
 
 References
 ----------
-OpenLensIO 1.0, eq. 21-24 (`lensfit.rendering.uv.overscan_needed`).
+OpenLensIO 1.0, eq. 21-24 (`overscan_factor`).
 """
 
 import math
@@ -35,6 +35,7 @@ _MAP_ERROR_PX = 5e-4
 """Positions of the renderer's maps differ from exact ones by less, at its default."""
 _STILL_PX = 1e-9
 _PERCENT_STEPS = 1e4
+_SAMPLES_PER_SIDE = 256
 
 
 class Margins(NamedTuple):
@@ -182,3 +183,28 @@ def window_of_percent(display_window: Window, percent: float) -> Window:
     """The data window of a stated overscan, in total: 10 is 5 % on each side."""
     size = display_window.width, display_window.height
     return display_window.grown(*(round(n * percent / 200) for n in size))
+
+
+def overscan_factor(
+    lens: "Lens", display_window: Window, *, sensor_width_mm: float | None = None
+) -> float:
+    """The smallest symmetrical enlargement of the frame (>= 1, as in OpenLensIO) that
+    holds the undistorted positions of all of it, where there are any.
+
+    The map is continuous and one-to-one, so the frame's border holds the extremes;
+    all three channels count.
+    """
+    geometry = PlateGeometry.of(lens, display_window, sensor_width_mm)
+    t = np.linspace(0.0, 1.0, _SAMPLES_PER_SIDE)
+    low, size = np.array(display_window[:2], float), np.array(geometry.size_px)
+    sides = [np.stack([t, t * 0 + e], -1) for e in (0.0, 1.0)]
+    border = low + size * np.concatenate([*sides, *(side[:, ::-1] for side in sides)])
+    channels = ("r", "g", "b") if lens.has_lateral_colour else ("g",)
+    mapped = np.concatenate(
+        [in_batches(geometry.undistorted(lens, c), border) for c in channels]
+    )
+    finite = np.isfinite(mapped).all(-1)
+    mapped = mapped[finite] if finite.any() else border
+    over_low = np.maximum(low - mapped.min(0), 0.0)
+    over_high = np.maximum(mapped.max(0) - (low + size), 0.0)
+    return 1 + 2 * float(np.maximum(over_low / size, over_high / size).max())

@@ -15,7 +15,6 @@ from lensfit.coords import Window
 from lensfit.errors import LensfitError
 from lensfit.rendering import light_mesh, ray_field
 from lensfit.rendering.circle import Circle
-from lensfit.rendering.disc import diffracts
 from lensfit.rendering.light_mesh import LightField, disc_lights, lens_lights
 from lensfit.rendering.ray_field import (
     DepthNodes,
@@ -35,6 +34,9 @@ _WIDEST_PX, _FARTHEST_PX = 1000.0, 1e5
 _STEPS_PER_OCTAVE = 4
 """Ranges of depth are rounded outward to these, so that frames share rays."""
 _LEAST_RANGE_PX = 0.25
+_UNSEEN_PX = 0.15
+_WAVELENGTH_MM = 5.5e-4
+_AIRY_SIGMA = 0.42
 
 
 class Grids(NamedTuple):
@@ -134,14 +136,18 @@ class Defocus:
 
     @cached_property
     def is_disc(self) -> bool:
-        """Whether every point blurs into a plain disc, the same all over the frame."""
+        """Whether every point blurs into a plain disc, the same all over the frame.
+
+        So it does, to some 3 % of `Lens.psf`, for a lens without measured blur, which
+        counts as perfect (`lensfit.psf.lens_blur.perfect_blur`), where diffraction is
+        much smaller than a pixel: in closed form, it costs no rays of the lens."""
         blur, f_number = self.lens.blur, self.lens.f_number
         if f_number is None or blur is not None:
             return False
         pitch_mm, height_mm = self.geometry.pitch_mm
         if not math.isclose(pitch_mm, height_mm, rel_tol=1e-6):
             return False
-        return not diffracts(f_number, pitch_mm)
+        return not _diffracts(f_number, pitch_mm)
 
     def slabs(self, least_px: float, most_px: float) -> Slabs:
         """How thick slabs of this range of blur may be."""
@@ -276,3 +282,9 @@ def _rounded_away(radius_px: float) -> float:
     size = max(abs(radius_px), _LEAST_RANGE_PX)
     steps = math.ceil(_STEPS_PER_OCTAVE * math.log2(size))
     return math.copysign(2 ** (steps / _STEPS_PER_OCTAVE), radius_px)
+
+
+def _diffracts(f_number: float, pixel_pitch_mm: float) -> bool:
+    """Whether diffraction widens the blur by what a pixel may show."""
+    sigma_mm = _AIRY_SIGMA * _WAVELENGTH_MM * f_number
+    return sigma_mm > _UNSEEN_PX * pixel_pitch_mm

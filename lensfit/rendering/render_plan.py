@@ -15,7 +15,7 @@ from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.defocus_cost import DefocusCost, defocus_cost
 from lensfit.rendering.layer_stack import LayerStack
-from lensfit.rendering.look.pyramid import least_sigma_px
+from lensfit.rendering.look.light import least_sigma_px
 from lensfit.rendering.look.stack import Look
 from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
 from lensfit.rendering.plate_defocus import Defocus

@@ -4,22 +4,27 @@ A stage that is invisible at the tolerance is left out: if lateral colour nowher
 separates the channels visibly, one map serves all, and a lens that does not darken has
 no gain. The tolerance is an error in display-referred units; `Budget` lists the error
 that it allows each approximation.
+
+Fall-off happens where the light lands, so its gain is applied after the warp, in the
+distorted picture, and multiplies radiance only: alpha is coverage, which does not dim.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Array, Float32
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.preset.knob_groups import LookKnobs
-from lensfit.rendering.falloff import illumination_gain
 from lensfit.rendering.look.stack import Look, look_of
 from lensfit.rendering.look.white_balance import Chromaticities
 from lensfit.rendering.plate_defocus import Defocus
-from lensfit.rendering.smooth import PointFunction
+from lensfit.rendering.smooth import PointFunction, smooth_over_window
 from lensfit.rendering.uv import (
     Channel,
     PlateGeometry,
@@ -203,3 +208,54 @@ def _gains(
         dims = not np.abs(gain - 1).max() <= error
         gains.append(gain if dims else None)
     return tuple(gains)
+
+
+def illumination_gain(
+    lens: "Lens",
+    geometry: PlateGeometry,
+    window: Window,
+    channel: Channel = "g",
+    *,
+    tolerance: float = 2.5e-4,
+    landing: PointFunction | None = None,
+) -> Float32[np.ndarray, "height width"]:
+    """Relative illumination at each pixel of `window`, 1 on axis.
+
+    Parameters
+    ----------
+    lens : Lens at its camera state.
+    geometry : How the plate lies on the sensor.
+    window : Pixels wanted.
+    channel : Colour channel.
+    tolerance : Largest error of the interpolation between exact evaluations.
+    landing : Where a pixel's light lands, px to px, when the picture itself stays
+        undistorted; each pixel is where it lands if None.
+    """
+
+    def gain(points_px: np.ndarray) -> np.ndarray:
+        landed = points_px if landing is None else landing(points_px)
+        value = lens.relative_illumination(geometry.mm(landed), channel)
+        return np.asarray(value, float)[:, None]
+
+    return smooth_over_window(gain, window, tolerance)[0].astype(np.float32)
+
+
+def apply_gain(
+    pixels: Float32[np.ndarray, "height width channels"],
+    gains: Sequence[Float32[np.ndarray, "height width"] | None],
+) -> Float32[np.ndarray, "height width channels"]:
+    """Each channel times its gain; None leaves a channel as it is, bit for bit.
+
+    NaN gains (outside what the lens images) give black.
+    """
+    if all(gain is None for gain in gains):
+        return pixels
+    return np.asarray(_multiplied(pixels, list(gains)))
+
+
+@jax.jit
+def _multiplied(pixels: Array, gains: list[Array | None]) -> Array:
+    """In one pass over the picture; a pure function, for any device."""
+    one = jnp.ones(pixels.shape[:2], pixels.dtype)
+    planes = [one if gain is None else jnp.nan_to_num(gain, nan=0.0) for gain in gains]
+    return pixels * jnp.stack(planes, -1)

@@ -15,12 +15,11 @@ of files.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Float, Float32
 
-from lensfit.batches import in_batches
 from lensfit.coords import Window, mm_from_px, px_from_mm, px_from_uv, uv_from_px
 from lensfit.rendering.buffers import aligned_empty
 from lensfit.rendering.smooth import PointFunction, smooth_over_window
@@ -111,26 +110,6 @@ class SourceMap:
         return SourceMap(window, planes)
 
 
-class Overscan(NamedTuple):
-    """How far the undistorted positions of a frame leave it, in pixels per side.
-
-    `factor` is the smallest symmetrical enlargement of the frame (>= 1, as in
-    OpenLensIO) that holds them all; `percent` is (factor - 1) * 100. NaN positions
-    are not counted; `missing` says that there were any.
-    """
-
-    left: float
-    top: float
-    right: float
-    bottom: float
-    factor: float
-    missing: bool
-
-    @property
-    def percent(self) -> float:
-        return (self.factor - 1) * 100
-
-
 def stmap_redistort(
     lens: "Lens",
     display_window: Window,
@@ -169,46 +148,6 @@ def stmap_undistort(
     geometry = PlateGeometry.of(lens, display_window, sensor_width_mm)
     mapping = geometry.distorted(lens, channel)
     return source_map(mapping, data_window or display_window, tolerance_px)
-
-
-def overscan_needed(
-    lens: "Lens",
-    display_window: Window,
-    *,
-    sensor_width_mm: float | None = None,
-    samples_per_side: int = 256,
-) -> Overscan:
-    """Overscan a CG plate needs so that the redistorted frame has no empty corner.
-
-    The map is continuous and one-to-one, so the frame's border holds the extremes;
-    all three channels count.
-
-    References
-    ----------
-    OpenLensIO 1.0, eq. 21-24.
-    """
-    geometry = PlateGeometry.of(lens, display_window, sensor_width_mm)
-    t = np.linspace(0.0, 1.0, samples_per_side)
-    low, size = np.array(display_window[:2], float), np.array(geometry.size_px)
-    sides = [np.stack([t, t * 0 + e], -1) for e in (0.0, 1.0)]
-    border = low + size * np.concatenate([*sides, *(side[:, ::-1] for side in sides)])
-    channels = ("r", "g", "b") if lens.has_lateral_colour else ("g",)
-    mapped = np.concatenate(
-        [in_batches(geometry.undistorted(lens, c), border) for c in channels]
-    )
-    finite = np.isfinite(mapped).all(-1)
-    mapped = mapped[finite] if finite.any() else border
-    over_low = np.maximum(low - mapped.min(0), 0.0)
-    over_high = np.maximum(mapped.max(0) - (low + size), 0.0)
-    factor = 1 + 2 * float(np.maximum(over_low / size, over_high / size).max())
-    return Overscan(
-        float(over_low[0]),
-        float(over_low[1]),
-        float(over_high[0]),
-        float(over_high[1]),
-        factor,
-        not finite.all(),
-    )
 
 
 def window_grid(window: Window, count: int) -> Float[np.ndarray, "points 2"]:

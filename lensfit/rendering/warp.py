@@ -21,6 +21,7 @@ pixel by pixel; the values are the same to rounding.
 from collections.abc import Iterator, Sequence
 from functools import partial
 
+import cv2
 import jax
 import numpy as np
 from jaxtyping import Float32
@@ -28,15 +29,14 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.rendering.filters import Filter
 from lensfit.rendering.resample import Border, resample
-from lensfit.rendering.tile_plan import has_tiles
-from lensfit.rendering.tiles import TileWarp
+from lensfit.rendering.tiles import TileWarp, has_tiles
 from lensfit.rendering.uv import SourceMap
 
 UNFILTERED_STRETCH = 1.25
 JUMP_PX = 32.0
 _MOST_READINGS = 16
 """Along each axis of the parallelogram; more take time and look the same."""
-_TILE = 128
+_STRETCHED_TILE = 128
 _STRETCH_STEP = 8
 
 
@@ -153,10 +153,16 @@ def _minified_tiles(displacement: np.ndarray) -> Iterator[tuple[slice, slice]]:
     long = _stretch(coarse, _STRETCH_STEP).max(0) > UNFILTERED_STRETCH
     if not long.any():
         return
-    for top in range(0, height, _TILE):
-        for left in range(0, width, _TILE):
-            y = slice(max(0, min(top, height - _TILE)), min(top + _TILE, height))
-            x = slice(max(0, min(left, width - _TILE)), min(left + _TILE, width))
+    for top in range(0, height, _STRETCHED_TILE):
+        for left in range(0, width, _STRETCHED_TILE):
+            y = slice(
+                max(0, min(top, height - _STRETCHED_TILE)),
+                min(top + _STRETCHED_TILE, height),
+            )
+            x = slice(
+                max(0, min(left, width - _STRETCHED_TILE)),
+                min(left + _STRETCHED_TILE, width),
+            )
             if long[_coarse(y), _coarse(x)].any():
                 yield y, x
 
@@ -224,3 +230,57 @@ def _groups(
             size = 1
         for first in range(0, len(channels), size):
             yield source_map, channels[first : first + size]
+
+
+def nearest(
+    plane: Float32[np.ndarray, "height width"],
+    source_window: Window,
+    source_map: SourceMap,
+) -> Float32[np.ndarray, "out_height out_width"]:
+    """The sample nearest to each position of the map; the border goes on beyond it.
+
+    Parameters
+    ----------
+    source_window : Where `plane` lies, in the pixel space of the map.
+    """
+    method = cv2.INTER_NEAREST
+    return _read(plane, source_window, source_map, method, cv2.BORDER_REPLICATE)
+
+
+def linear(
+    plane: Float32[np.ndarray, "height width"],
+    source_window: Window,
+    source_map: SourceMap,
+) -> Float32[np.ndarray, "out_height out_width"]:
+    """The mean of the four samples around each position of the map, to 1/64 px; black
+    beyond the border."""
+    method = cv2.INTER_LINEAR
+    return _read(plane, source_window, source_map, method, cv2.BORDER_CONSTANT)
+
+
+def _read(
+    plane: Float32[np.ndarray, "height width"],
+    source_window: Window,
+    source_map: SourceMap,
+    method: int,
+    border: int,
+) -> Float32[np.ndarray, "out_height out_width"]:
+    """The same plane where the map moves nothing."""
+    if source_map.window == source_window and not source_map.displacement_px.any():
+        return plane
+    x, y = _read_at(source_window, source_map)
+    return cv2.remap(plane, x, y, method, borderMode=border)
+
+
+def _read_at(
+    source_window: Window, source_map: SourceMap
+) -> tuple[
+    Float32[np.ndarray, "out_height out_width"],
+    Float32[np.ndarray, "out_height out_width"],
+]:
+    """Columns and rows of the source, pixel centres whole."""
+    window = source_map.window
+    x, y = np.nan_to_num(source_map.displacement_px)
+    x = x + np.arange(window.x_min, window.x_max + 1, dtype=np.float32)
+    y = y + np.arange(window.y_min, window.y_max + 1, dtype=np.float32)[:, None]
+    return x - np.float32(source_window.x_min), y - np.float32(source_window.y_min)

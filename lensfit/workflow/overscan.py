@@ -43,9 +43,10 @@ from lensfit.rendering.overscan import (
     Margins,
     cg_camera,
     margins_read,
+    overscan_factor,
 )
 from lensfit.rendering.render_stages import Switches
-from lensfit.rendering.uv import Channel, PlateGeometry, SpannedWidth, overscan_needed
+from lensfit.rendering.uv import Channel, PlateGeometry, SpannedWidth
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 
 if TYPE_CHECKING:
@@ -147,9 +148,7 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
         spanned_mm = SpannedWidth(width_mm, shape.ratio)
         notes |= dict.fromkeys(preset.select(focal, None, focus).notes)
         lens = preset.at(focal, question.f_number, focus, knobs=question.knobs)
-        factor = max(
-            factor, overscan_needed(lens, display, sensor_width_mm=spanned_mm).factor
-        )
+        factor = max(factor, overscan_factor(lens, display, sensor_width_mm=spanned_mm))
         for channel in channels:
             found = _margins(lens, display, spanned_mm, question, channel)
             channels[channel] = channels[channel].joined(found)

@@ -8,7 +8,7 @@ from pinhole_shoot import MM_PER_PX, Camera, observations, shoot, take_of
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I
 from lensfit.fitting.adjust import Adjustment, adjust, with_robust_weights
-from lensfit.fitting.priors import fixed_prior, release, with_poses_free
+from lensfit.fitting.parameters import fixed_prior, release, with_poses_free
 from lensfit.fitting.stage import start_of
 
 NOISE_PX = 0.05

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfit.fitting.breathing import inverse_pupil_magnification, reversed_breathing
-from lensfit.fitting.stated_facts import PUPIL_MAGNIFICATION_WIDTH
+from lensfit.fitting.statements import PUPIL_MAGNIFICATION_WIDTH
 from lensfit.optics.paraxial import FirstOrder, first_order_of, magnification
 from lensfit.workflow.statements import contradictions
 

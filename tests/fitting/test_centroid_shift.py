@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lensfit.fitting.adjust import centroid_shift_mm
-from lensfit.fitting.geometry import BoardPose, Frame, predicted_mm
+from lensfit.fitting.geometry import BoardPose, Frame, centroid_shift_mm, predicted_mm
 from lensfit.fitting.parameters import Layout
 
 LAYOUT = Layout(radial=2)

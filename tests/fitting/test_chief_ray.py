@@ -9,8 +9,7 @@ import pytest
 from pinhole_shoot import FRONTAL, LATTICE, Camera, shoot, take_of
 
 from lensfit.errors import FitError
-from lensfit.fitting import solve
-from lensfit.fitting.adjust import equations_at, problem_of
+from lensfit.fitting.adjust import equations_at, problem_of, total
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.geometry import distortion_of
 from lensfit.fitting.levenberg import with_prior
@@ -30,7 +29,7 @@ def _focal_length_mm(fit: ChiefRayFit) -> tuple[float, float]:
     adjustment = fit.adjustment
     here = jnp.asarray(adjustment.parameters)
     found, problem = equations_at(adjustment), problem_of(adjustment)
-    matrix, *_ = with_prior(solve.total(found), here, problem.prior)
+    matrix, *_ = with_prior(total(found), here, problem.prior)
     where = adjustment.layout.blocks["focal_length"].start
     stated = float(adjustment.frame.stated_focal_length_mm)
     focal = stated * np.exp(adjustment.parameters[where])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfit.fitting.chunks import CHUNK_SIZE, chunking_of
+from lensfit.fitting.view_stack import CHUNK_SIZE, chunking_of
 
 
 def _present(*counts: int) -> np.ndarray:

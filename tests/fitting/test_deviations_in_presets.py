@@ -17,7 +17,7 @@ from pinhole_shoot import (
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.lens_state import LensState, fit_state, with_colour
-from lensfit.fitting.priors import release
+from lensfit.fitting.parameters import release
 from lensfit.fitting.uncertainty import position_deviations_mm, uncertainty_of
 from lensfit.lens import Lens
 from lensfit.preset.blocks import Camera as CameraBlock

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lensfit.fitting import normal, solve
-from lensfit.fitting.chunks import Detections
+from lensfit.fitting import normal
+from lensfit.fitting.adjust import Problem, Stated, both_halves, total, with_statements
 from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import short_residual, with_prior
 from lensfit.fitting.parameters import Layout
+from lensfit.fitting.view_stack import Detections
 
 LAYOUT = Layout(radial=2, free_degree=3, bend_degree=2, stretch_degree=2, apertures=1)
 VIEWS, CHUNKS, DETECTIONS = 3, 5, 6
@@ -18,7 +19,7 @@ OF_VIEW = [0, 1, 2, 2, 0]
 
 
 @pytest.fixture(scope="module")
-def problem() -> solve.Problem:
+def problem() -> Problem:
     rng = np.random.default_rng(0)
     size = LAYOUT.size(VIEWS)
     turns = Rotation.from_rotvec(rng.normal(0, 0.2, (VIEWS, 3))).as_matrix()
@@ -46,7 +47,7 @@ def problem() -> solve.Problem:
     )
     free = np.ones(size)
     free[[3, 9, 40, size - 2]] = 0.0
-    return solve.Problem(
+    return Problem(
         views=views,
         detections=detections,
         frame=frame,
@@ -57,11 +58,11 @@ def problem() -> solve.Problem:
     )
 
 
-def _stated(rng: np.random.Generator, size: int) -> solve.Stated:
+def _stated(rng: np.random.Generator, size: int) -> Stated:
     """Three made-up statements."""
     rows, wanted = rng.normal(0, 20, (3, size)), rng.normal(0, 1, 3)
     parts = rows.T @ rows, rows.T @ wanted, wanted @ wanted
-    return solve.Stated(*map(jnp.asarray, parts))
+    return Stated(*map(jnp.asarray, parts))
 
 
 def _at(scale: float = 0.002) -> jnp.ndarray:
@@ -69,7 +70,7 @@ def _at(scale: float = 0.002) -> jnp.ndarray:
     return jnp.asarray(np.random.default_rng(1).normal(0, scale, size))
 
 
-def _whitened(parameters, problem: solve.Problem):
+def _whitened(parameters, problem: Problem):
     detections = problem.detections
     predicted = normal.predictions_mm(
         parameters,
@@ -88,7 +89,7 @@ _jacobian = jax.jit(jax.jacfwd(_whitened))
 _equations = jax.jit(normal.equations, static_argnames="layout")
 
 
-def _equations_at(parameters, problem: solve.Problem) -> normal.Equations:
+def _equations_at(parameters, problem: Problem) -> normal.Equations:
     return _equations(
         parameters, problem.views, problem.detections, LAYOUT, problem.frame
     )
@@ -140,14 +141,14 @@ def test_the_short_residual_has_the_same_equations(problem):
 
     def short(parameters):
         value, found = short_residual(
-            parameters, lambda y: solve.both_halves(y, problem, LAYOUT), problem.prior
+            parameters, lambda y: both_halves(y, problem, LAYOUT), problem.prior
         )
         return value, (value, found)
 
     jacobian, (value, found) = jax.jit(jax.jacfwd(short, has_aux=True))(at)
     effective = jnp.where(problem.free > 0, at, problem.prior_mean)
     matrix, gradient, chi_squared = with_prior(
-        solve.with_statements(solve.total(found), effective, problem.stated),
+        with_statements(total(found), effective, problem.stated),
         effective,
         problem.prior,
     )
@@ -162,7 +163,7 @@ def test_the_short_residual_has_the_same_equations(problem):
 
 def test_fixed_parameters_have_identity_rows(problem):
     found = _equations_at(_at(), problem)
-    matrix, gradient, _ = with_prior(solve.total(found), _at(), problem.prior)
+    matrix, gradient, _ = with_prior(total(found), _at(), problem.prior)
     fixed = np.asarray(problem.free) == 0
     np.testing.assert_array_equal(matrix[fixed], np.eye(len(fixed))[fixed])
     assert not np.asarray(gradient)[fixed].any()

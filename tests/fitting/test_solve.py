@@ -7,11 +7,17 @@ import numpy as np
 from pinhole_shoot import MM_PER_PX, Camera, shoot
 from scipy.stats import chi2
 
-from lensfit.fitting import solve
-from lensfit.fitting.adjust import Adjustment, equations_at, problem_of
+from lensfit.fitting.adjust import (
+    Adjustment,
+    Problem,
+    equations_at,
+    problem_of,
+    solve,
+    total,
+)
 from lensfit.fitting.held_out import squared_px
 from lensfit.fitting.levenberg import with_prior
-from lensfit.fitting.priors import fixed_prior, release, with_poses_free
+from lensfit.fitting.parameters import fixed_prior, release, with_poses_free
 from lensfit.fitting.stage import start_of
 
 NOISE_PX = 0.05
@@ -33,8 +39,8 @@ def _ready(camera: Camera, radial_terms: int) -> Adjustment:
     return replace(adjustment, model_variance_mm2=noise)
 
 
-def _solved(adjustment: Adjustment, problem: solve.Problem | None = None):
-    return solve.solve(
+def _solved(adjustment: Adjustment, problem: Problem | None = None):
+    return solve(
         jnp.asarray(adjustment.parameters),
         problem or problem_of(adjustment),
         adjustment.layout,
@@ -80,7 +86,7 @@ def test_fixed_parameters_stay_at_their_prior_mean():
 
 def test_running_out_of_steps_is_told():
     adjustment = _ready(BROWN, 3)
-    found = solve.solve(
+    found = solve(
         jnp.asarray(adjustment.parameters),
         problem_of(adjustment),
         adjustment.layout,
@@ -93,7 +99,7 @@ def test_running_out_of_steps_is_told():
 
 
 def test_noise_scatters_the_solution_as_the_covariance_says():
-    """(p - truth)^T A (p - truth) is chi-squared with as many degrees as unknowns."""
+    """(p - truth)^T A (p - truth) is chi-squared with as many squares as unknowns."""
     adjustment = _ready(BROWN, 3)
     truth = np.asarray(_solved(adjustment).parameters)
     adjustment = replace(adjustment, parameters=truth)
@@ -106,17 +112,17 @@ def test_noise_scatters_the_solution_as_the_covariance_says():
     problem = problem_of(adjustment)
     free = adjustment.prior.free
     here = jnp.asarray(truth)
-    found = with_prior(solve.total(equations_at(adjustment)), here, problem.prior)
+    found = with_prior(total(equations_at(adjustment)), here, problem.prior)
     matrix = np.asarray(found.matrix)
     matrix = matrix[np.ix_(free, free)]
     rng = np.random.default_rng(0)
-    total, runs = 0.0, 12
+    squares, runs = 0.0, 12
     for _ in range(runs):
         noise = rng.normal(0, NOISE_PX * MM_PER_PX, exact.shape)
         seen = jnp.asarray(adjustment.stack.chunking.in_chunks(exact + noise))
         detections = problem.detections._replace(observed_mm=seen)
         found = _solved(adjustment, problem._replace(detections=detections))
         off = (np.asarray(found.parameters) - truth)[free]
-        total += off @ matrix @ off
+        squares += off @ matrix @ off
     low, high = chi2.ppf([0.001, 0.999], runs * free.sum())
-    assert low < total < high
+    assert low < squares < high

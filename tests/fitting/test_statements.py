@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pinhole_shoot import FRONTAL, Camera, shoot
 
+from lensfit.fitting.chart_view import Widths
 from lensfit.fitting.chief_ray import fit_chief_ray
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.stage import facts_of
-from lensfit.fitting.stated_facts import Widths
-from lensfit.fitting.stated_scale import stated_scale
+from lensfit.fitting.start import stated_scale
 from lensfit.fitting.statements import statements_of
 from lensfit.fitting.usual_lens import magnification_at
 

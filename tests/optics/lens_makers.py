@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from lensfit.optics import field
-from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, no_distortion
+from lensfit.optics.projection import BaseProjection
 
 SENSOR_MM = (24.0, 18.0)
 REFERENCE_MM = 15.0

@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
 from lensfit.optics.depth import ObjectShift, shifted_path_mm
-from lensfit.optics.modes import Mode, wavefront
+from lensfit.optics.terms import Mode, wavefront
 
 
 def modes_up_to(degree: int) -> tuple[Mode, ...]:

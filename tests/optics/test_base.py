@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lensfit.optics.base import (
+from lensfit.optics.projection import (
     BASE_PROJECTIONS,
     image_of_direction,
     image_of_undistorted,

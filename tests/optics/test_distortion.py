@@ -10,7 +10,6 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from lens_makers import REFERENCE_MM, frame_points_mm, strong_lens, wild_lens
 
-from lensfit.optics.base import BASE_PROJECTIONS
 from lensfit.optics.distortion import (
     Distortion,
     distorted_from_direction,
@@ -19,6 +18,7 @@ from lensfit.optics.distortion import (
     no_distortion,
     undistorted_from_distorted,
 )
+from lensfit.optics.projection import BASE_PROJECTIONS
 
 FRAME = frame_points_mm()
 

@@ -15,10 +15,10 @@ from data_synth.prescription import load_prescription
 from lensfit.optics.aberration import (
     Aberration,
     chief_sine,
+    light_density,
     local_wavefront,
     no_aberration,
 )
-from lensfit.optics.etendue import light_density
 from lensfit.optics.terms import Term, rotational_terms
 
 CHART_MM, NM = 2000.0, 540.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pupil_modes import modes_up_to
 
-from lensfit.optics.modes import (
+from lensfit.optics.terms import (
     Mode,
     power_series,
     powers_in,

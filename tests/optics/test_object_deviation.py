@@ -8,15 +8,15 @@ from lens_makers import REFERENCE_MM, SENSOR_MM, strong_lens
 
 from lensfit.lens import Lens
 from lensfit.optics.distortion import no_distortion
-from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.object_deviation import (
+from lensfit.optics.map_deviations import (
     PERSPECTIVE_NUMBERS,
+    MapCovariances,
     Perspective,
     landed_mm,
     moved_perspective,
+    numbers_in,
 )
-from lensfit.optics.position_deviation import numbers_in
-from lensfit.optics.pupil_shift import PupilShift
+from lensfit.optics.projection import PupilShift
 
 PUPIL_MM, CHART_MM = 90.0, 900.0
 SHIFT = PupilShift(jnp.asarray(-3.0), jnp.asarray(CHART_MM - PUPIL_MM))

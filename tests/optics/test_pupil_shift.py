@@ -7,7 +7,7 @@ import pytest
 from data_synth.aim import chief_aim_mm, chief_landings_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
-from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
+from lensfit.optics.projection import PupilShift, equivalent_chart_point
 
 CHART_MM = 2000.0
 STEEP = PupilShift(jnp.asarray(-40.0), jnp.asarray(CHART_MM))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from lensfit.optics.radial import log_slope, magnification, undistorted_radius
+from lensfit.optics.distortion import log_slope, magnification, undistorted_radius
 
 VALID = jnp.asarray(1.1**2)
 RADII = jnp.linspace(0.0, 3.0, 601)

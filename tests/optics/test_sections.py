@@ -11,9 +11,8 @@ from lensfit.optics.aberration import (
     local_wavefront,
     no_aberration,
 )
-from lensfit.optics.depth import object_shift
+from lensfit.optics.depth import cylinder_mm, object_shift, sections_of
 from lensfit.optics.paraxial import FirstOrder, defocus_mm
-from lensfit.optics.sections import cylinder_mm, sections_of
 
 C_MM, OFFSET_MM, CHART_MM = 43.0, 60.0, 2400.0
 SLOPES = [(0.0, 0.0), (0.3, 0.0), (0.0, 0.16), (-0.25, 0.12)]

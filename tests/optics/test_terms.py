@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lensfit.optics.modes import power_series, wavefront
 from lensfit.optics.terms import (
     Term,
     decentring_terms,
     mode_amplitudes,
     modes_of,
+    power_series,
     rotational_terms,
     two_mirror_terms,
+    wavefront,
 )
 
 RNG = np.random.default_rng(3)

@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 from pupil_modes import modes_up_to
 
-from lensfit.optics.modes import (
-    mode_gradients,
-    power_series,
-    wavefront_slopes,
-)
 from lensfit.optics.pupil import clear_pupil, opening_area
 from lensfit.optics.pupil_nodes import polar_nodes, pupil_nodes
 from lensfit.optics.terms import (
     decentring_terms,
     mode_amplitudes,
+    mode_gradients,
     modes_of,
+    power_series,
     rotational_terms,
     term_amplitudes,
     two_mirror_terms,
+    wavefront_slopes,
 )
 
 ONE = jnp.asarray(1.0)

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from data_synth.aim import chief_landings_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
-from lensfit.optics import radial
+from lensfit.optics.distortion import magnification
 from lensfit.preset.blocks import Distortion, Projection
 
 GREEN_NM = 546.07
@@ -28,7 +28,7 @@ VALID = 1.1
 @jax.jit
 def profile(radii, coefficients):
     return jax.vmap(
-        lambda r: r * radial.magnification(r**2, coefficients, jnp.asarray(VALID**2))
+        lambda r: r * magnification(r**2, coefficients, jnp.asarray(VALID**2))
     )(radii)
 
 

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given, settings
 from preset_makers import make_entry, make_preset
 
-from lensfit.optics import radial
-from lensfit.optics.distortion import jacobian_at
+from lensfit.optics.distortion import jacobian_at, magnification
 from lensfit.preset.blend import blend
 from lensfit.preset.blocks import (
     Camera,
@@ -115,9 +114,9 @@ def profiles(distortions):
     """Distorted radii of rising ones."""
 
     def one(d):
-        return jax.vmap(
-            lambda r: r * radial.magnification(r**2, d.radial, d.valid_radius**2)
-        )(jnp.asarray(RADII))
+        return jax.vmap(lambda r: r * magnification(r**2, d.radial, d.valid_radius**2))(
+            jnp.asarray(RADII)
+        )
 
     return jax.vmap(one)(distortions)
 

@@ -13,7 +13,7 @@ from lensfit.lens import Lens
 from lensfit.preset.blocks import BlurUncertainty, Pupil
 from lensfit.preset.blur_of_block import numbers_of, with_moves
 from lensfit.preset.knobs import Knobs
-from lensfit.psf.psf_deviation import fewer_moves
+from lensfit.psf.lens_psf import fewer_moves
 
 NAMES = (
     "focus_offset_mm",

@@ -8,7 +8,7 @@ import pytest
 from blurred_lens import CHROMATIC, ONE, blurred_lens, moments, perfect, spot_at
 from jax.flatten_util import ravel_pytree
 
-from lensfit.psf.pixels import diffraction_variance_mm2, image_of, profile_of
+from lensfit.psf.spot import diffraction_variance_mm2, image_of, profile_of
 
 PITCH = jnp.array([0.012, 0.012])
 FIELD_MM = jnp.array([6.0, 8.0])

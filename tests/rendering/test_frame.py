@@ -6,9 +6,8 @@ from radial_lens import IdentityLens, RadialLens
 
 import lensfit
 from lensfit.coords import Window
-from lensfit.rendering.falloff import illumination_gain
 from lensfit.rendering.frame import crop, render
-from lensfit.rendering.render_stages import Switches, prepare_stages
+from lensfit.rendering.render_stages import Switches, illumination_gain, prepare_stages
 from lensfit.rendering.uv import PlateGeometry, SourceMap
 
 DISPLAY = Window.of_size(240, 160)

@@ -15,6 +15,7 @@ from lensfit.rendering.overscan import (
     Margins,
     cg_camera,
     margins_read,
+    overscan_factor,
     window_of_percent,
 )
 from lensfit.rendering.render_stages import Switches
@@ -185,3 +186,19 @@ def test_depth_of_field_reads_no_further_than_is_said():
 
     assert seen(of_margins(margins)) < 5e-3
     assert seen(of_margins(margins).grown(-3, -3)) > 2e-2
+
+
+def test_overscan_is_what_the_corner_of_a_barrel_lens_needs():
+    # The corner is at r = 1.
+    factor = overscan_factor(RadialLens(k=0.1), DISPLAY)
+    assert factor == pytest.approx(1.1, abs=1e-9)
+
+
+def test_pincushion_needs_no_overscan():
+    assert overscan_factor(RadialLens(k=-0.1), DISPLAY) == 1
+
+
+def test_lateral_colour_counts_for_the_overscan():
+    plain = overscan_factor(RadialLens(k=0.1), DISPLAY)
+    coloured = overscan_factor(RadialLens(k=0.1, lateral=0.01), DISPLAY)
+    assert coloured > plain + 0.008

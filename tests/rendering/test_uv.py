@@ -8,7 +8,6 @@ from lensfit.coords import Window, uv_from_px
 from lensfit.rendering.uv import (
     PlateGeometry,
     SourceMap,
-    overscan_needed,
     stmap_redistort,
     stmap_undistort,
 )
@@ -89,27 +88,6 @@ def test_uv_read_back_is_the_same_map_and_an_identity_reads_as_exactly_zero():
     assert np.abs(again.displacement_px - made.displacement_px).max() < 1e-4
     identity = stmap_redistort(IdentityLens(), DISPLAY, window).uv(DISPLAY)
     assert not SourceMap.from_uv(identity, window, DISPLAY).displacement_px.any()
-
-
-def test_overscan_is_what_the_corner_of_a_barrel_lens_needs():
-    lens = RadialLens(k=0.1)
-    needed = overscan_needed(lens, DISPLAY)
-    assert needed.factor == pytest.approx(1.1, abs=1e-9)  # corner is at r = 1
-    assert needed.percent == pytest.approx(10)
-    assert needed.left == pytest.approx(24)
-    assert needed.bottom == pytest.approx(16)
-    assert not needed.missing
-
-
-def test_pincushion_needs_no_overscan_and_missing_positions_are_told():
-    assert overscan_needed(RadialLens(k=-0.1), DISPLAY).factor == 1
-    assert overscan_needed(RadialLens(k=0.1, valid_radius=0.9), DISPLAY).missing
-
-
-def test_lateral_colour_counts_for_the_overscan():
-    plain = overscan_needed(RadialLens(k=0.1), DISPLAY)
-    coloured = overscan_needed(RadialLens(k=0.1, lateral=0.01), DISPLAY)
-    assert coloured.left > plain.left + 2
 
 
 def test_another_plate_aspect_keeps_square_pixels():

@@ -23,13 +23,15 @@ from lensfit.lens import Lens
 from lensfit.optics.pupil_nodes import pupil_nodes
 from lensfit.optics.spectrum import chromatic_coordinate
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
-from lensfit.psf.pixels import (
+from lensfit.psf.spot import (
     diffraction_variance_mm2,
     image_of,
+    landed_rays,
     pixel_shares,
     profile_of,
+    split_by_wavelength,
+    spot_of,
 )
-from lensfit.psf.spot import landed_rays, split_by_wavelength, spot_of
 
 PRIME = Path(__file__).parents[2] / "presets" / "prime_50" / "preset.json"
 FIELD = (5.0, 3.0)

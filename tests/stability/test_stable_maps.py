@@ -15,15 +15,16 @@ from scipy.integrate import quad
 from lensfit.coords import Window
 from lensfit.lens import Lens
 from lensfit.optics import field
-from lensfit.optics.base import BASE_PROJECTIONS, image_of_direction
 from lensfit.optics.distortion import (
     Distortion,
     distorted_from_undistorted,
+    magnification,
     no_distortion,
     undistorted_from_distorted,
+    undistorted_radius,
 )
 from lensfit.optics.lateral import ChannelShift
-from lensfit.optics.radial import magnification, undistorted_radius
+from lensfit.optics.projection import BASE_PROJECTIONS, image_of_direction
 from lensfit.rendering.uv import PlateGeometry, SourceMap, stmap_redistort
 
 RADII = jnp.linspace(0.0, 1.0, 2001)

@@ -28,7 +28,7 @@ from lensfit.optics.terms import rotational_terms
 from lensfit.preset.blocks import Camera, Covariance, Distortion, Projection
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
-from lensfit.psf.pixels import (
+from lensfit.psf.spot import (
     diffraction_variance_mm2,
     image_of,
     profile_of,

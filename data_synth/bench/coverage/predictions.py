@@ -35,7 +35,7 @@ from lensfit.fitting.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at
 from lensfit.optics.many_points import displaced, distort, illuminate, undistort
-from lensfit.optics.position_deviation import pose_moves
+from lensfit.optics.map_deviations import pose_moves
 
 
 @dataclass(frozen=True)

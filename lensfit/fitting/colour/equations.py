@@ -31,7 +31,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from lensfit.fitting.colour.channel_colour import LOPSIDED
 from lensfit.fitting.colour.coloured_detections import (
     ColouredDetections,
     with_as_many_columns,
@@ -39,6 +38,8 @@ from lensfit.fitting.colour.coloured_detections import (
 from lensfit.fitting.systematic import systematic_covariance
 from lensfit.optics.lateral import displacement_basis
 
+CENTRED, SHIFTED, LOPSIDED = 0, 2, 6
+"""Terms besides the radial ones: none, the shift, and strain and decentering too."""
 MOST_RADIAL_TERMS = 4
 TERMS = LOPSIDED + MOST_RADIAL_TERMS
 SYSTEMATIC_PX = 0.004

@@ -1,7 +1,15 @@
 """Fall-off from the brightness of the detections, for each f-number separately.
 
-The logarithm is fitted by a non-increasing Bernstein polynomial
-(`lensfit.optics.falloff`) with one gain for each photograph and channel: least squares
+All bright dots emit the same flux, spread over the area of their image: the flux
+divided by the area magnification is proportional to the illumination. The flux of a
+line per length is divided by the magnification of its width. The bright field around
+dark dots is proportional to the illumination times the light that fell on the chart.
+
+Lines are not used if there are enough dots: a line is measured up to a fixed distance,
+and the blur in the corners extends beyond it.
+
+The logarithm of the illumination is fitted by a non-increasing Bernstein polynomial
+(`lensfit.optics.falloff`), with one gain for each photograph and channel: least squares
 with non-negative steps, weighted robustly. Vignetting by a clipping aperture starts
 with a kink, which needs more terms than natural fall-off. The number of terms is
 selected by BIC, in which steps of zero do not count (M. Meyer and M. Woodroofe, Annals
@@ -23,24 +31,15 @@ bend there at little cost. Their errors are fully correlated, being one error of
 slope, and the stated standard deviation of an extrapolated corner includes this.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
+from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT, Observations
 from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.fall_off.brightness import (
-    FEWEST_DETECTIONS,
-    Brightness,
-    JoinedBrightness,
-    area_stretch,
-    brightness_of,
-    count_of,
-    dots_if_enough,
-    joined_brightness,
-)
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.non_negative import (
     Expected,
     NonNegative,
@@ -48,6 +47,9 @@ from lensfit.fitting.fall_off.non_negative import (
 )
 from lensfit.optics.bernstein import continued_bernstein
 
+FEWEST_DETECTIONS = 30
+_STEP = 1e-3
+"""Of differences, half boards."""
 _FARTHEST = 1.7
 """Of the squared radius of the outermost detection; farther out the polynomial's own
 slope goes on."""
@@ -58,6 +60,150 @@ _UNSURE, _LEAST_UNSURE = 0.2, 1e-3
 """Of the slope (a rim that begins to clip beyond them, or is through with it), and
 of each place by itself."""
 _SAMPLES = 32
+TERMS = (5, 8, 12, 16)
+"""Numbers of terms to choose from."""
+_LEAST_BIC_GAIN = 10.0
+_LEAST_SCATTER = 1e-4
+"""Of a photograph's logarithms; no detector is better."""
+SYSTEMATIC = 0.0006
+"""Of the logarithm, what is not seen in residuals: light of a blurred dot that its
+aperture misses, fall-off that no polynomial follows. Of thirty random traced lenses the
+median error was .1 %."""
+
+
+def area_stretch(adjustment: Adjustment) -> Float[np.ndarray, "views detections 2 2"]:
+    """d sensor mm / d board mm at every detection.
+
+    Central differences over a thousandth of the half board, good to a millionth: the
+    program that predicts detections serves here too.
+    """
+    half_mm = np.asarray(adjustment.stack.view.half_board_mm)[:, None]
+    board = adjustment.stack.board
+    columns = [
+        (adjustment.predicted_mm(board + step) - adjustment.predicted_mm(board - step))
+        / (2 * _STEP)
+        for step in _STEP * np.eye(2)
+    ]
+    return np.stack(columns, -1) / half_mm[:, :, None]
+
+
+class Brightness(NamedTuple):
+    """Squared radius and log brightness of the detections of one view; `lines` if none
+    is a dot."""
+
+    squared_mm2: Float[np.ndarray, " detections"]
+    brightness: Float[np.ndarray, "detections 3"]
+    lines: bool
+
+
+class JoinedBrightness(NamedTuple):
+    """Of all views at one f-number, in one row."""
+
+    squared_mm2: Float[np.ndarray, " detections"]
+    brightness: Float[np.ndarray, "detections 3"]
+    take: Int[np.ndarray, " detections"]
+
+
+def brightness_of(
+    view: View,
+    stretch: Float[np.ndarray, "most 2 2"],
+    radius_vector: Float[np.ndarray, "most 2"],
+    used: Bool[np.ndarray, " most"],
+) -> Brightness:
+    """Of the detections that were used.
+
+    Parameters
+    ----------
+    stretch : By `area_stretch`, of the detections and then of what fills the stack.
+    radius_vector : Of the detections from the principal point, mm.
+    """
+    o = view.observations
+    count = len(o)
+    matrix, keep = stretch[:count], used[:count] & ~o.saturated & ~o.overlapping
+    brightness = o.flux if o.flux.shape[1] == 3 else np.repeat(o.flux, 3, 1)
+    if o.bright:
+        brightness = brightness / _spread(matrix, o)[:, None]
+    keep &= np.all(brightness > 0, -1)
+    squared = np.sum(radius_vector[:count] ** 2, -1)
+    lines = bool(np.all(o.family != POINT))
+    return Brightness(squared[keep], np.log(brightness[keep]), lines)
+
+
+def _spread(
+    matrix: Float[np.ndarray, "detections 2 2"], o: Observations
+) -> Float[np.ndarray, " detections"]:
+    """Area a dot is magnified by; for a line sample, its width."""
+    area = np.abs(np.linalg.det(matrix))
+    across = np.where(
+        (o.family == LINE_OF_CONSTANT_I)[:, None], matrix[..., 0], matrix[..., 1]
+    )
+    width = np.abs(np.sum(across * np.nan_to_num(o.normal), -1))
+    return np.where(o.family == POINT, area, width)
+
+
+def dots_if_enough(rows: list[Brightness]) -> list[Brightness]:
+    """The views of dots if they have enough detections, otherwise all."""
+    dots = [row for row in rows if not row.lines]
+    return dots if count_of(dots) >= FEWEST_DETECTIONS else rows
+
+
+def joined_brightness(rows: list[Brightness]) -> JoinedBrightness:
+    """Views are counted in the order of `rows`."""
+    return JoinedBrightness(
+        np.concatenate([row.squared_mm2 for row in rows]),
+        np.concatenate([row.brightness for row in rows]),
+        np.repeat(np.arange(len(rows)), [len(row.squared_mm2) for row in rows]),
+    )
+
+
+def count_of(rows: list[Brightness]) -> int:
+    """How many detections there are in all."""
+    return sum(len(row.squared_mm2) for row in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class FallOffFit:
+    """Fall-off of three channels at one f-number.
+
+    Attributes
+    ----------
+    f_number : None when nobody said.
+    control : b_1 ... b_n of r, g and b.
+    valid_radius_mm : Largest radius that the control values are for.
+    covariance : Of each channel's control values.
+    """
+
+    f_number: float | None
+    control: Float[np.ndarray, "3 terms"]
+    valid_radius_mm: float
+    covariance: Float[np.ndarray, "3 terms terms"]
+
+    def deviation(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "3 points"]:
+        """Standard deviation of the relative illumination of r, g and b."""
+        terms = self.terms_at(radius_mm)
+        loss = terms @ self.control.T
+        return np.exp(-loss.T) * self._of_terms(terms)
+
+    def deviation_about_mean(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "3 points"]:
+        """Standard deviation of the logarithm of the illumination, less its mean over
+        these points: what no exposure would undo."""
+        terms = self.terms_at(radius_mm)
+        return self._of_terms(terms - terms.mean(0))
+
+    def terms_at(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "points terms"]:
+        """What every control value adds to the loss."""
+        s = (radius_mm / self.valid_radius_mm) ** 2
+        return continued_bernstein(s, self.control.shape[1])
+
+    def _of_terms(self, terms: np.ndarray) -> np.ndarray:
+        variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
+        return np.sqrt(np.maximum(variance, 0.0))
 
 
 class Beyond(NamedTuple):
@@ -116,17 +262,6 @@ def beyond_detections(
         _UNSURE * slope * out + _LEAST_UNSURE,
         unsure * np.outer(out, out) + own,
     )
-
-
-TERMS = (5, 8, 12, 16)
-"""Numbers of terms to choose from."""
-_LEAST_BIC_GAIN = 10.0
-_LEAST_SCATTER = 1e-4
-"""Of a photograph's logarithms; no detector is better."""
-SYSTEMATIC = 0.0006
-"""Of the logarithm, what is not seen in residuals: light of a blurred dot that its
-aperture misses, fall-off that no polynomial follows. Of thirty random traced lenses the
-median error was .1 %."""
 
 
 def fit_illumination(

@@ -1,7 +1,7 @@
 """The basis functions in which images of a dot are drawn, and their light on cells.
 
 An image is a sum over rays of a product: the amplitude of a ray along rows times its
-amplitude along columns (`kernel.pixels.Profile`). Small dot apertures are drawn in the
+amplitude along columns (`psf.spot.Profile`). Small dot apertures are drawn in the
 cells themselves, where a ray's amplitude is its share of the cell; broad dots in waves
 (`waves`), each of which a disc multiplies by a number of its own. The patch is measured
 right and down from its corner, in sensor mm.
@@ -12,8 +12,7 @@ import abc
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from lensfit.psf.pixels import Profile, profile_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Profile, Spot, profile_of
 
 
 class Basis(eqx.Module):
@@ -64,7 +63,7 @@ class Cells(Basis):
         return self.cells
 
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
-        """`kernel.pixels.profile_of`."""
+        """`psf.spot.profile_of`."""
         return profile_of(spot, self.corner_mm, self.cell_mm, self.cells, variance_mm2)
 
     def cell_light(

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.stated_facts import Widths
+from lensfit.fitting.chart_view import Widths
+from lensfit.fitting.fall_off.illumination import FallOffFit
 from lensfit.fitting.wavefront.dot_neighbours import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lensfit.optics.sections import Sections
+from lensfit.optics.depth import Sections
 
 NEIGHBOURS = 8
 """Of a dot in a grid."""

@@ -43,13 +43,18 @@ from lensfit.fitting.wavefront.dot_patches import (
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots, undrawn
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
 from lensfit.fitting.wavefront.focus_range import FocusRange
-from lensfit.optics.depth import ObjectShift, object_shift
+from lensfit.optics.depth import (
+    ObjectShift,
+    Sections,
+    log_squeeze,
+    object_shift,
+    sections_of,
+)
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.lateral import ChannelShift, channel_from_green
 from lensfit.optics.paraxial import FirstOrder
-from lensfit.optics.sections import Sections, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
-from lensfit.psf.pixels import diffraction_variance_mm2
+from lensfit.psf.spot import diffraction_variance_mm2
 
 _BATCH, _GREEN = 512, 1
 

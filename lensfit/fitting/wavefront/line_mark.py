@@ -22,8 +22,7 @@ import numpy as np
 from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
-from lensfit.psf.pixels import FOOTPRINT
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import FOOTPRINT, Spot
 
 _BINS = 96
 _ROUNDS = 3

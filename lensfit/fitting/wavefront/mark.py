@@ -29,8 +29,7 @@ from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
-from lensfit.psf.pixels import image_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Spot, image_of
 
 _RAYS, _WAVES = 192, 20
 """Of an image, for a centroid bias within 1 %: apertures and rims need no detail."""

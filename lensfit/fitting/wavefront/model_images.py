@@ -23,7 +23,7 @@ from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.fitting.wavefront.stages import Stage, with_iris
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
-from lensfit.psf.pixels import diffraction_variance_mm2, image_of
+from lensfit.psf.spot import diffraction_variance_mm2, image_of
 
 _BATCH = 512
 

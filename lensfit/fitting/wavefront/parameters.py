@@ -10,7 +10,7 @@ plain numbers. Blocks:
 - `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
   group of takes that share focus and chart distance;
 - `astigmatic_offset`: of the defocus of an anamorphic lens: its defocus along x minus
-  the one at which x and y are sharp at one distance (`optics.sections`), one for each
+  the one at which x and y are sharp at one distance (`optics.depth`), one for each
   group too; other lenses have no such block;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
   ray's bend;

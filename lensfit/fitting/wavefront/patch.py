@@ -1,7 +1,7 @@
 """The image of one dot on a patch of cells, with its derivatives.
 
 Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
-(`kernel.pixels`). Brightness, background and position of a dot are nuisance parameters:
+(`psf.spot`). Brightness, background and position of a dot are nuisance parameters:
 brightness, background and both shifts are solved for in every patch, in closed form, so
 that the wavefront has to explain only what they cannot (variable projection, G. H.
 Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around broad dots, which may be
@@ -29,8 +29,7 @@ from lensfit.fitting.wavefront.waves import (
     Waves,
     basis_of,
 )
-from lensfit.psf.pixels import Profile, image_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Profile, Spot, image_of
 
 _JITTER = 1e-9
 _DARKEST = 1e-30

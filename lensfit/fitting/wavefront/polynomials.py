@@ -20,8 +20,7 @@ from jaxtyping import Array, Float
 
 from lensfit.fitting.wavefront.basis import Basis
 from lensfit.fitting.wavefront.waves import Waves, multiples
-from lensfit.psf.pixels import Profile
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Profile, Spot
 
 DEGREES = 24
 """Polynomials along an axis."""

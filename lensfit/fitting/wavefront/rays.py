@@ -10,7 +10,7 @@ the rays that fill it, are differentiated by JAX.
 The point where a ray leaves the dot aperture (`dot_aperture`) is given, and shifts its
 landing point. The width of a ray's Gaussian (`kernel.spot`) is held constant in all
 derivatives: it only stands for rays in between, and vanishes as rays get many. So is
-the light that an area of the pupil carries (`optics.etendue`), which varies by a few
+the light that an area of the pupil carries (`optics.aberration`), which varies by a few
 percent.
 """
 
@@ -41,10 +41,9 @@ from lensfit.fitting.wavefront.shapes import (
     shape_jacobian,
     state_shapes_mm,
 )
-from lensfit.optics.depth import ObjectShift
+from lensfit.optics.depth import ObjectShift, cylinder_mm
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.pupil_nodes import PupilNodes, pupil_nodes
-from lensfit.optics.sections import cylinder_mm
 from lensfit.psf.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 
 _TURNS_PER_MM = 12.9898, 78.233

@@ -4,7 +4,7 @@ At one field point many terms of the wavefront are one and the same mode of the 
 and only one of all defocus values counts. So images need to be differentiated by fewer
 shapes than there are parameters:
 
-- the amplitude of every mode (Re or Im member, `optics.modes`), and its linear and
+- the amplitude of every mode (Re or Im member, `optics.terms`), and its linear and
   quadratic change with the chromatic coordinate where colour has that mode;
 - the dot's own defocus; behind cylinders also the astigmatic defocus offset of x;
 - where the exit pupil is, and the chief ray's bend;
@@ -26,10 +26,9 @@ from jaxtyping import Array, Float, Int
 from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of
 from lensfit.optics.aberration import chief_sine, tangents
-from lensfit.optics.modes import Mode, mode_gradients
-from lensfit.optics.sections import cylinder_mm
+from lensfit.optics.depth import cylinder_mm
 from lensfit.optics.spectrum import chromatic_coordinate
-from lensfit.optics.terms import Term, modes_of, term_amplitudes
+from lensfit.optics.terms import Mode, Term, mode_gradients, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
 

@@ -13,14 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.fall_off.illumination import FallOffFit
 from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.paraxial import defocus_mm
 from lensfit.optics.pupil import clear_pupil, relative_illumination
-from lensfit.psf.pixels import AIRY_SIGMA, WAVELENGTH_MM
+from lensfit.psf.spot import AIRY_SIGMA, WAVELENGTH_MM
 
 _NEAR_AXIS = 0.35
 IN_FOCUS_MM = 0.02

@@ -58,8 +58,7 @@ from lensfit.fitting.wavefront.edges import (
     rim_transfers,
     square_transfers,
 )
-from lensfit.psf.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import FOOTPRINT, LEAST_SIGMA_PX, Profile, Spot
 
 MARGIN_CELLS = 12
 """Cells on each side of the patch from which broad dots reach into it."""

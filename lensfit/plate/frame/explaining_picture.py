@@ -24,7 +24,7 @@ from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.plate_file import colour_layers, plate_header
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.lens_pictures import aberration_dots, kernel_mosaic
-from lensfit.rendering.nearest import nearest
+from lensfit.rendering.warp import nearest
 
 _FAR_MM = 1e7
 """Chart distance for a lens that is focused at infinity."""

@@ -33,10 +33,15 @@ from lensfit.plate.frame.plate_notes import number_note
 from lensfit.plate.frame.provenance import UNDISTORTED, part_with_signature
 from lensfit.plate.frame.tight_window import EmptyRing, known_window
 from lensfit.plate.plate_file import ColourLayer, resized_channels
-from lensfit.rendering.falloff import apply_gain, illumination_gain
 from lensfit.rendering.filters import Filter, longest_reach
 from lensfit.rendering.overscan import window_of_percent
-from lensfit.rendering.render_stages import CHANNELS, Budget, lateral_colour_px
+from lensfit.rendering.render_stages import (
+    CHANNELS,
+    Budget,
+    apply_gain,
+    illumination_gain,
+    lateral_colour_px,
+)
 from lensfit.rendering.uv import Channel, PlateGeometry, SourceMap, source_map
 from lensfit.rendering.warp import warp
 

@@ -23,17 +23,15 @@ from jaxtyping import Float32
 
 from lensfit.optics.spectrum import CENTRES_NM, REFERENCE_NM
 from lensfit.rendering.look.light import (
-    brightest_channel,
-    light_above,
-    picture_with_halo,
-)
-from lensfit.rendering.look.pyramid import (
     Picture,
+    brightest_channel,
     doubled,
     halved,
     left_of,
     level_of,
+    light_above,
     padded,
+    picture_with_halo,
 )
 
 WIDTH_SHARE = 6e-4
@@ -82,7 +80,7 @@ def glinted(
     ----------
     threshold : Scene-linear; see `light`.
     share : Of the light above it that goes into streaks, 0 to 1.
-    least_px : From `pyramid.least_sigma_px`.
+    least_px : From `light.least_sigma_px`.
     """
     light = light_above(colour, threshold)
     if light.max() <= 0:

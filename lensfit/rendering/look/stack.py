@@ -26,18 +26,23 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.preset.knob_groups import LookKnobs
-from lensfit.rendering.look.aperture_shape import ApertureShape
-from lensfit.rendering.look.blur_of_light import SharpLayer, blur_of_light
-from lensfit.rendering.look.ghosting import LEVEL, Ghosts, ghosts_of
+from lensfit.rendering.look.ghosting import LEVEL, ApertureShape, Ghosts, ghosts_of
 from lensfit.rendering.look.glare import (
     DIFFUSION,
     PRO_MIST,
+    SharpLayer,
     bloomed,
+    blur_of_light,
     filtered_picture,
 )
 from lensfit.rendering.look.glint import WIDTH_SHARE, Star, glinted
-from lensfit.rendering.look.light import light_above
-from lensfit.rendering.look.pyramid import Picture, halved, least_sigma_px, padded
+from lensfit.rendering.look.light import (
+    Picture,
+    halved,
+    least_sigma_px,
+    light_above,
+    padded,
+)
 from lensfit.rendering.look.white_balance import (
     NEUTRAL_KELVIN,
     REC709,

@@ -11,6 +11,7 @@ from lensfit.fitting.wavefront.dot_data import DotData, FocusGroup
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.optics.aberration import Aberration
+from lensfit.optics.depth import log_squeeze
 from lensfit.optics.paraxial import (
     FirstOrder,
     Scalar,
@@ -19,7 +20,6 @@ from lensfit.optics.paraxial import (
     rim_sine,
 )
 from lensfit.optics.pupil import Pupil
-from lensfit.optics.sections import log_squeeze
 from lensfit.optics.spectrum import WIDTHS_NM
 from lensfit.preset.blocks import Blur, Stop
 from lensfit.preset.blur_of_block import blur_block

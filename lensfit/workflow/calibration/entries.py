@@ -17,8 +17,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from lensfit.fitting.colour.channel_colour import ChannelColour
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.colour.lateral_colour import ChannelColour
+from lensfit.fitting.fall_off.illumination import FallOffFit
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.wavefront.dot_data import widen_beam
 from lensfit.fitting.wavefront.fit import WavefrontFit

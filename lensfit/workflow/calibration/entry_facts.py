@@ -19,7 +19,7 @@ from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.uncertainty import position_deviation_mm, position_variances_mm2
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
-from lensfit.optics.position_deviation import FRAME_GRID
+from lensfit.optics.map_deviations import FRAME_GRID
 from lensfit.preset.blocks import Camera
 from lensfit.rendering.overscan import cg_camera, margins_read
 from lensfit.report.plain_numbers import plain_distance, rounded

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.fall_off.brightness import area_stretch
+from lensfit.fitting.fall_off.illumination import area_stretch
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2

@@ -21,19 +21,19 @@ from data_synth.commands.bench.tables import profile_tables
 from lensfit.cli._terminal import console
 from lensfit.errors import LensfitError
 from lensfit.preset.thin_lens import ThinCamera
-from lensfit.rendering.disc import disc_kernel
+from lensfit.rendering.look.ghosting import disc_kernel
 
 
 def test_a_profile_sums_to_the_time_and_names_the_file_at_work():
     def work():
         began = time.perf_counter()
         while time.perf_counter() - began < 0.4:
-            disc_kernel(40.0, 60, 3)
+            disc_kernel(120.0, 60)
         return "done", time.perf_counter() - began
 
     (said, spent), seconds = sampled(work)
     assert said == "done"
-    assert next(iter(seconds)) == "rendering/disc"
+    assert next(iter(seconds)) == "rendering/look/ghosting"
     assert sum(seconds.values()) == pytest.approx(spent, rel=0.2)
 
 

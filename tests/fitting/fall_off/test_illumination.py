@@ -5,16 +5,14 @@ import numpy as np
 import pytest
 from scipy.special import comb
 
-from lensfit.fitting.fall_off.brightness import (
-    Brightness,
-    dots_if_enough,
-    joined_brightness,
-)
 from lensfit.fitting.fall_off.illumination import (
     NOTHING_BEYOND,
     SYSTEMATIC,
     TERMS,
+    Brightness,
+    dots_if_enough,
     fit_brightness,
+    joined_brightness,
     with_terms,
 )
 

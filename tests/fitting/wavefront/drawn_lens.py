@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lensfit.detect.dot_images import CELLS
-from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
+from lensfit.fitting.chart_view import ORDINARY_WIDTHS
 from lensfit.fitting.wavefront.dot_data import DotData, FocusGroup
 from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange

@@ -14,7 +14,7 @@ from lensfit.fitting.wavefront.dot_aperture import (
     ray_origins_mm,
 )
 from lensfit.fitting.wavefront.rays import spot_and_pullback
-from lensfit.psf.pixels import image_of, profile_of
+from lensfit.psf.spot import image_of, profile_of
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
 OVAL = np.array([[0.009, 0.002], [-0.001, 0.006]])

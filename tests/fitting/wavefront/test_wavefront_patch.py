@@ -14,8 +14,7 @@ from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of
 from lensfit.fitting.wavefront.shapes import shape_jacobian
-from lensfit.psf.pixels import image_of, profile_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Spot, image_of, profile_of
 
 CELL = 0.008
 CELL_MM = jnp.array([CELL, CELL])

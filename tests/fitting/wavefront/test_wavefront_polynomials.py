@@ -7,8 +7,7 @@ import pytest
 
 from lensfit.fitting.wavefront.polynomials import DEGREES, polynomials_over
 from lensfit.fitting.wavefront.waves import DESIGN_WAVES, Waves, multiples
-from lensfit.psf.pixels import image_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Spot, image_of
 
 CELLS, CELL_MM, RAYS = 24, 0.01, 96
 SIZE_MM = CELLS * CELL_MM

@@ -19,7 +19,7 @@ from lensfit.fitting.wavefront.term_groups import (
     candidate_term_groups,
     deviation_of,
 )
-from lensfit.optics.sections import Sections
+from lensfit.optics.depth import Sections
 from lensfit.optics.terms import rotational_terms, two_mirror_terms
 from lensfit.psf.spot import Spot
 

@@ -13,7 +13,7 @@ from data_synth.lens import set_lens
 from data_synth.paraxial import first_order
 from data_synth.prescription import load_prescription
 from lensfit.fitting.breathing import inverse_pupil_magnification
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.fall_off.illumination import FallOffFit
 from lensfit.fitting.wavefront.dot_data import (
     FocusGroup,
     farthest_point_rows,
@@ -29,7 +29,7 @@ from lensfit.fitting.wavefront.start import (
 )
 from lensfit.optics.bernstein import bernstein
 from lensfit.optics.paraxial import FirstOrder
-from lensfit.psf.pixels import AIRY_SIGMA, WAVELENGTH_MM
+from lensfit.psf.spot import AIRY_SIGMA, WAVELENGTH_MM
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, REFERENCE_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.fall_off.illumination import FallOffFit
 from lensfit.fitting.wavefront.dot_data import Beam, PhotographedFallOff
 from lensfit.fitting.wavefront.parameters import aberration_of
 from lensfit.fitting.wavefront.stages import (

@@ -17,8 +17,7 @@ from lensfit.fitting.wavefront.waves import (
     transfers_of,
     waves_after_smoothing,
 )
-from lensfit.psf.pixels import image_of
-from lensfit.psf.spot import Spot
+from lensfit.psf.spot import Spot, image_of
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
 PLACE_MM = np.array([0.1232, 0.1171])

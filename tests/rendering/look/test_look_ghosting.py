@@ -14,8 +14,7 @@ from look_makers import (
     with_light,
 )
 
-from lensfit.rendering.look.aperture_shape import ApertureShape, diameter_of, shrunk
-from lensfit.rendering.look.ghosting import tint_of
+from lensfit.rendering.look.ghosting import ApertureShape, diameter_of, shrunk, tint_of
 from lensfit.rendering.uv import PlateGeometry
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)

@@ -18,8 +18,7 @@ from look_makers import (
     within,
 )
 
-from lensfit.rendering.look.blur_of_light import SharpLayer, blur_of_light
-from lensfit.rendering.look.glare import bloomed
+from lensfit.rendering.look.glare import SharpLayer, bloomed, blur_of_light
 
 CENTRE = (120.5, 80.5)
 

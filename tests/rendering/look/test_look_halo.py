@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from lensfit.rendering.look.glare import BLOOM, DIFFUSION, PRO_MIST
-from lensfit.rendering.look.halo import Halo, haloed, octave_shares
-from lensfit.rendering.look.pyramid import (
+from lensfit.rendering.look.glare import (
+    BLOOM,
+    DIFFUSION,
+    PRO_MIST,
+    Halo,
+    haloed,
+    octave_shares,
+)
+from lensfit.rendering.look.light import (
     doubled,
     gaussian,
     halved,
