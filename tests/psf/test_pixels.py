@@ -77,6 +77,7 @@ def test_an_axial_dot_is_round():
         assert np.linalg.norm(turned - patch) < 0.02 * np.linalg.norm(patch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dz", [0.0, 0.15])
 def test_converges_at_least_like_one_over_the_root_of_rays(dz: float):
     """The footprint blurs edges by the spacing of rays, which is rays^-1/2."""

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from blurred_lens import NO_LATERAL, blurred_lens, moments, perfect, spot_at
 
 FIELD_MM = jnp.array([6.0, 8.0])
@@ -31,6 +32,7 @@ def test_a_defocused_perfect_lens_makes_a_disc():
     np.testing.assert_allclose(found, variance * np.eye(2), atol=5e-3 * variance)
 
 
+@pytest.mark.slow
 def test_second_moments_converge_at_least_like_one_over_rays():
     reference = moments(lens_spot(30000))
     counts = np.array([48, 96, 192, 384, 768, 1536])
@@ -44,6 +46,13 @@ def test_second_moments_converge_at_least_like_one_over_rays():
     slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert slope < -0.9, (slope, errors)
     assert errors[3] < 0.015, errors
+
+
+def test_few_rays_have_the_moments_of_many():
+    few, many = (moments(lens_spot(count)) for count in (300, 1500))
+    size = float(np.trace(many.covariance_mm2))
+    assert np.abs(few.covariance_mm2 - many.covariance_mm2).max() < 0.02 * size
+    assert np.abs(few.centroid_mm - many.centroid_mm).max() < 0.02 * size**0.5
 
 
 def test_a_spot_turns_with_the_field():

@@ -74,18 +74,18 @@ def test_decentring_that_is_there_is_kept(decentred):
 MOVING = replace(LAYOUT, focus_terms=terms_that_change_with_focus(rotational_terms(3)))
 
 
-def at_two_focus_distances(near: Seidel, far: Seidel):
-    """Fitted with terms that may change; both lenses start as their mean."""
+def dots_at_two_focus_distances(near: Seidel, far: Seidel, rays: int):
+    """One lens at the nearer, the other at the farther distance."""
     places = np.concatenate([PLACES_MM, -PLACES_MM[1:] + [1.0, 2.0]])
     parts = [
         photographed(
-            lens, [Shot(k, 0), Shot(k, 1)], places_mm=places, seed=k, rays=1_000_000
+            lens, [Shot(k, 0), Shot(k, 1)], places_mm=places, seed=k, rays=rays
         )
         for k, lens in enumerate((near, far))
     ]
     arrays = "light", "valid", "clipped", "observed_mm", "diameter_mm", "read_noise"
     dots = jax.tree.map(lambda *a: np.concatenate(a), *(one.dots for one in parts))
-    dot_data = replace(
+    return replace(
         parts[0],
         photographs=parts[0].photographs + parts[1].photographs,
         dots=dots._replace(focus=np.where(dots.group == 0, 1.0, -1.0)),
@@ -93,6 +93,11 @@ def at_two_focus_distances(near: Seidel, far: Seidel):
         groups=parts[0].groups + parts[1].groups,
         **{n: np.concatenate([getattr(one, n) for one in parts]) for n in arrays},
     )
+
+
+def at_two_focus_distances(near: Seidel, far: Seidel):
+    """Fitted with terms that may change; both lenses start as their mean."""
+    dot_data = dots_at_two_focus_distances(near, far, 1_000_000)
     start = np.zeros(MOVING.size)
     for name, where in LAYOUT.blocks.items():
         if name != "focus_change":
@@ -109,6 +114,7 @@ def at_two_focus_distances(near: Seidel, far: Seidel):
     return solve_stage(stage), term_groups
 
 
+@pytest.mark.slow
 def test_what_elements_that_move_change_is_measured():
     """Coma and spherical aberration differ from one focus distance to the other."""
     near, far = (
@@ -125,11 +131,23 @@ def test_what_elements_that_move_change_is_measured():
     np.testing.assert_allclose(change, wanted, atol=0.5)
 
 
+@pytest.mark.slow
 def test_of_a_lens_that_moves_as_a_whole_no_change_is_measured():
     """Less than a twentieth of what it has, if noise lets it in at all."""
     stage, _ = at_two_focus_distances(LENS, LENS)
     change = stage.parameters[MOVING.blocks["focus_change"]]
     assert np.abs(change).max() < 0.6
+
+
+def test_two_focus_distances_may_show_a_change():
+    """Of third order, and nothing else is free with it."""
+    dot_data = dots_at_two_focus_distances(LENS, LENS, 2_000)
+    term_groups = candidate_term_groups(dot_data, MOVING, np.zeros(2))
+    (change,) = (one for one in term_groups if one.name == "change_with_focus")
+    where = MOVING.blocks["focus_change"]
+    assert change.indices == tuple(range(where.start, where.stop))
+    assert change.optional
+    assert min(change.deviation) > 0
 
 
 def test_one_focus_distance_shows_no_change(centred):

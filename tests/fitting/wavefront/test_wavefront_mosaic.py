@@ -87,6 +87,7 @@ def found_from_near(dot_data) -> np.ndarray:
     return stage.parameters
 
 
+@pytest.mark.slow
 def test_the_lens_is_found_behind_a_mosaic():
     """On photographs of so many rays that theirs is not the largest error."""
     whole = photographed(TRUE, SHOTS, noise=NOISE, rays=400_000)
