@@ -55,6 +55,8 @@ _SQUEEZE_SD = 0.05
 _RADIAL_SD, _CENTRE_SD = 0.12, 0.02
 """At the corner, relative; of the sensor's width."""
 _MOST_POINTS = 64
+_MOST_AT_ONCE = 50_000
+"""Points predicted at a time: for few, calls of numpy take longer than what they do."""
 _CENTRAL = 0.6
 """Of the half diagonal."""
 _INDEPENDENT = 20.0
@@ -256,11 +258,11 @@ class JointModel:
         """How far from the sensor the target of a view stands by the model."""
         return float(self._distances_mm(solution.parameters)[k])
 
-    def _distances_mm(self, parameters: np.ndarray) -> Float[np.ndarray, " views"]:
+    def _distances_mm(self, parameters: np.ndarray) -> Float[np.ndarray, "*sets views"]:
         shared, pose = self._parts(parameters)
         stack = self._stack
-        depth = stack.translation_mm[:, 2] * (1 + pose[:, 5])
-        return depth + stack.focal_mm * shared[stack.pupil]
+        depth = stack.translation_mm[:, 2] * (1 + pose[..., 5])
+        return depth + stack.focal_mm * shared[..., stack.pupil]
 
     def solve(
         self,
@@ -307,54 +309,61 @@ class JointModel:
 
     def _parts(
         self, parameters: np.ndarray
-    ) -> tuple[Float[np.ndarray, " shared"], Float[np.ndarray, "views 6"]]:
-        shared = len(self.names)
-        return parameters[:shared], parameters[shared:].reshape(-1, 6)
+    ) -> tuple[Float[np.ndarray, "*sets shared"], Float[np.ndarray, "*sets views 6"]]:
+        shared, pose = np.split(parameters, [len(self.names)], axis=-1)
+        return shared, pose.reshape(*pose.shape[:-1], -1, 6)
 
-    def _points_px(self, parameters: np.ndarray) -> Float[np.ndarray, "views points 2"]:
+    def _points_px(
+        self, parameters: Float[np.ndarray, "*sets parameters"]
+    ) -> Float[np.ndarray, "*sets views points 2"]:
         """Predicted minus seen points; of lines, across them; of padding, anything."""
         shared, pose = self._parts(parameters)
         stack = self._stack
-        flat = stack.board_mm * np.exp(shared[stack.pitch])[:, None, None]
-        turn = Rotation.from_rotvec(pose[:, :3]).as_matrix() @ stack.rotation
+        flat = stack.board_mm * np.exp(shared[..., stack.pitch])[..., None, None]
+        turn = Rotation.from_rotvec(pose[..., :3].reshape(-1, 3)).as_matrix()
+        turn = turn.reshape(*pose.shape[:-1], 3, 3) @ stack.rotation
         depth = stack.translation_mm[:, 2:]
-        at = (stack.translation_mm + pose[:, 3:] * depth)[:, None]
-        seen = flat @ np.swapaxes(turn[:, :, :2], 1, 2) + at
-        squeeze, apart_mm = np.append(shared, 0.0)[stack.cylinder].T
-        depths = seen[..., 2:] + np.stack([apart_mm, 0 * apart_mm], -1)[:, None]
+        at = (stack.translation_mm + pose[..., 3:] * depth)[..., None, :]
+        seen = flat @ np.swapaxes(turn[..., :2], -1, -2) + at
+        cylinder = np.insert(shared, shared.shape[-1], 0.0, -1)[..., stack.cylinder]
+        squeeze, apart_mm = np.moveaxis(cylinder, -1, 0)
+        apart_mm = np.stack([apart_mm, 0 * apart_mm], -1)
+        depths = seen[..., 2:] + apart_mm[..., None, :]
         slope = seen[..., :2] / np.where(depths > 1, depths, 1.0)
-        slope[..., 0] *= np.exp(squeeze)[:, None]
+        slope[..., 0] *= np.exp(squeeze)[..., None]
         r2 = (slope**2).sum(-1, keepdims=True)
-        k1, k2 = shared[stack.radial].T[:, :, None, None]
+        radial = np.moveaxis(shared[..., stack.radial], -1, 0)
+        k1, k2 = radial[..., None, None]
         f, vergence = stack.focal_mm, stack.vergence_per_mm
-        a, m, b = shared[stack.scale].T
+        a, m, b = np.moveaxis(shared[..., stack.scale], -1, 0)
         c_mm = f * (1 + f * vergence) * np.exp(a + m * f * vergence + b)
-        centre = shared[:2] * stack.sensor_width_mm[:, None]
-        predicted = c_mm[:, None, None] * slope * (1 + r2 * (k1 + r2 * k2))
-        miss = (predicted + centre[:, None] - stack.image_mm) / stack.pixel_mm[:, None]
+        centre = shared[..., None, :2] * stack.sensor_width_mm[:, None]
+        predicted = c_mm[..., None, None] * slope * (1 + r2 * (k1 + r2 * k2))
+        miss = predicted + centre[..., None, :] - stack.image_mm
+        miss = miss / stack.pixel_mm[:, None]
         across = (miss * stack.normal).sum(-1, keepdims=True) * stack.normal
         return np.where(stack.is_point[..., None], miss, across)
 
     def _residual(
         self,
-        parameters: np.ndarray,
+        parameters: Float[np.ndarray, "*sets parameters"],
         noise_px: float,
         deviation: np.ndarray,
         distances: frozenset[int],
-    ) -> np.ndarray:
-        shared = parameters[: len(self.names)]
+    ) -> Float[np.ndarray, "*sets residuals"]:
+        """Of one set of parameters, or of many at once."""
+        shared, _ = self._parts(parameters)
         stack = self._stack
         points = self._points_px(parameters) * (stack.share / noise_px)[:, None, None]
+        points = points[..., stack.is_there, :].reshape(*shared.shape[:-1], -1)
         stated = [k for k in self.stated if k not in distances]
-        apart = self._distances_mm(parameters)[stated] - stack.distance_mm[stated]
+        apart = self._distances_mm(parameters)[..., stated] - stack.distance_mm[stated]
         apart = apart / np.hypot(
             DISTANCE_SD_MM, DISTANCE_SD * stack.distance_mm[stated]
         )
-        apart = apart - _OF_TAPE * shared[stack.tape[stated]]
-        return np.concatenate(
-            [points[stack.is_there].ravel(), (shared - self.mean) / deviation,
-             apart / _OF_PLACE]
-        )  # fmt: skip
+        apart = apart - _OF_TAPE * shared[..., stack.tape[stated]]
+        off = (shared - self.mean) / deviation
+        return np.concatenate([points, off, apart / _OF_PLACE], -1)
 
     def _jacobian(
         self,
@@ -367,21 +376,21 @@ class JointModel:
         """By differences; a view's pose moves that view alone, so all move at once."""
         step = 1e-6
         shared, count = len(self.names), len(self.views)
+        each = np.eye(shared + 6)
+        moves = np.hstack([each[:, :shared], np.tile(each[:, shared:], count)])
+        moved = at + step * moves
+        at_once = max(1, _MOST_AT_ONCE // self._stack.is_there.size)
+        after = [
+            self._residual(moved[k : k + at_once], noise_px, deviation, distances)
+            for k in range(0, len(moved), at_once)
+        ]
+        change = (np.concatenate(after) - residual) / step
         columns = np.zeros((len(residual), len(at)))
-        for k in range(shared):
-            moved = at.copy()
-            moved[k] += step
-            after = self._residual(moved, noise_px, deviation, distances)
-            columns[:, k] = (after - residual) / step
+        columns[:, :shared] = change[:shared].T
         owner = self._owners(distances)
-        for axis in range(6):
-            moved = at.copy()
-            moved[shared + axis :: 6] += step
-            after = self._residual(moved, noise_px, deviation, distances)
-            change = (after - residual) / step
-            for k in range(count):
-                mine = owner == k
-                columns[mine, shared + 6 * k + axis] = change[mine]
+        for k in range(count):
+            mine, first = owner == k, shared + 6 * k
+            columns[mine, first : first + 6] = change[shared:, mine].T
         return columns
 
     def _owners(self, distances: frozenset[int]) -> np.ndarray:
