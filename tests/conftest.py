@@ -6,6 +6,11 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+# Before numpy is loaded, for the workers of the tests and what they start as well:
+# there is a worker for each core, and threads of OpenBLAS that wait for one another
+# cost several times what its small matrices do. Commands limit it to one thread, too.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import jax
 import pytest
 import typer.testing
