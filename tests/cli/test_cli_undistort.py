@@ -143,6 +143,7 @@ def test_apply_is_the_inverse(tmp_path, lens, effects):
         assert np.abs(error).max() < 10 * ROUND_TRIP_RMS  # border included
 
 
+@pytest.mark.slow
 def test_apply_is_the_inverse_for_edges_half_a_pixel_sharp(tmp_path):
     save_preset(make_preset(), tmp_path / "preset.json")
     frame = Window.of_size(120, 80)
