@@ -65,15 +65,15 @@ def perfect(blur: Blur) -> Blur:
     return Blur(zero, clear_pupil())
 
 
-def blurred_lens(seed: int = 0, size_um: float = 6.0) -> Blur:
+def blurred_lens(seed: int = 0, size_um: float = 6.0, terms=TERMS) -> Blur:
     """f/1.4 over a field of 15 mm radius."""
     rng = np.random.default_rng(seed)
     empty = no_aberration(
-        TERMS, COLOURS, field_radius_mm=15.0, f_number=1.4, exit_pupil_distance_mm=80.0
+        terms, COLOURS, field_radius_mm=15.0, f_number=1.4, exit_pupil_distance_mm=80.0
     )
     aberration = replace(
         empty,
-        coefficients_um=jnp.asarray(rng.normal(0, size_um, len(TERMS))),
+        coefficients_um=jnp.asarray(rng.normal(0, size_um, len(terms))),
         colour_um=jnp.asarray(rng.normal(0, size_um / 4, (2, len(COLOURS)))),
     )
     pupil = replace(

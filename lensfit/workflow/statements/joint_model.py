@@ -56,8 +56,7 @@ _RADIAL_SD, _CENTRE_SD = 0.12, 0.02
 """At the corner, relative; of the sensor's width."""
 _MOST_POINTS = 64
 _MOST_AT_ONCE = 50_000
-"""Points that are predicted at a time, some megabytes: calls of numpy for the few of a
-single set of parameters would take longer than what they compute."""
+"""Points predicted at a time: for few, calls of numpy take longer than what they do."""
 _CENTRAL = 0.6
 """Of the half diagonal."""
 _INDEPENDENT = 20.0
@@ -326,8 +325,7 @@ class JointModel:
         depth = stack.translation_mm[:, 2:]
         at = (stack.translation_mm + pose[..., 3:] * depth)[..., None, :]
         seen = flat @ np.swapaxes(turn[..., :2], -1, -2) + at
-        none = np.zeros((*shared.shape[:-1], 1))
-        cylinder = np.concatenate([shared, none], -1)[..., stack.cylinder]
+        cylinder = np.insert(shared, shared.shape[-1], 0.0, -1)[..., stack.cylinder]
         squeeze, apart_mm = np.moveaxis(cylinder, -1, 0)
         apart_mm = np.stack([apart_mm, 0 * apart_mm], -1)
         depths = seen[..., 2:] + apart_mm[..., None, :]
@@ -378,11 +376,9 @@ class JointModel:
         """By differences; a view's pose moves that view alone, so all move at once."""
         step = 1e-6
         shared, count = len(self.names), len(self.views)
-        moved = np.tile(at, (shared + 6, 1))
-        for k in range(shared):
-            moved[k, k] += step
-        for axis in range(6):
-            moved[shared + axis, shared + axis :: 6] += step
+        each = np.eye(shared + 6)
+        moves = np.hstack([each[:, :shared], np.tile(each[:, shared:], count)])
+        moved = at + step * moves
         at_once = max(1, _MOST_AT_ONCE // self._stack.is_there.size)
         after = [
             self._residual(moved[k : k + at_once], noise_px, deviation, distances)
@@ -393,8 +389,7 @@ class JointModel:
         columns[:, :shared] = change[:shared].T
         owner = self._owners(distances)
         for k in range(count):
-            mine = owner == k
-            first = shared + 6 * k
+            mine, first = owner == k, shared + 6 * k
             columns[mine, first : first + 6] = change[shared:, mine].T
         return columns
 
