@@ -41,14 +41,14 @@ _UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
 
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
-    _set("jax_enable_x64", True, overrule=True)
+    _set_unless_chosen("jax_enable_x64", True, overrule=True)
     _refuse_open_cache()
     chosen = cache_dir("jax")
     folder = None if chosen is None else made_private(chosen)
     if folder is not None:
-        _set("jax_compilation_cache_dir", str(folder))
+        _set_unless_chosen("jax_compilation_cache_dir", str(folder))
         # All of them: a run has hundreds of small ones, seconds together.
-        _set("jax_persistent_cache_min_compile_time_secs", 0.0)
+        _set_unless_chosen("jax_persistent_cache_min_compile_time_secs", 0.0)
         # JAX writes them in place. What another process has written by half is
         # compiled here, which is nobody's concern.
         warnings.filterwarnings("ignore", _HALF_WRITTEN, UserWarning)
@@ -113,10 +113,12 @@ def cache_note() -> str | None:
 def count_cores() -> None:
     """Ask for a device per core, unless JAX runs already or its user has asked."""
     with suppress(RuntimeError):  # it runs already, with the devices it has
-        _set("jax_num_cpu_devices", min(available_cores(), _MOST_CORES))
+        _set_unless_chosen("jax_num_cpu_devices", min(available_cores(), _MOST_CORES))
 
 
-def _set(name: str, value: bool | float | str, *, overrule: bool = False) -> None:
+def _set_unless_chosen(
+    name: str, value: bool | float | str, *, overrule: bool = False
+) -> None:
     """Tell JAX one setting, unless its user has chosen otherwise."""
     jax = sys.modules.get("jax")
     if jax is not None and hasattr(jax, "config"):

@@ -77,9 +77,9 @@ def plain_complaint(
     ----------
     place : As of `convert_strictly`.
     """
-    what, path = _split(complaint)
+    what, path = _reason_and_path(complaint)
     key = f"{place(path)}: " if path else ""
-    return f"{key}{_in_plain_words(what, record_type, path)}"
+    return f"{key}{_plain_words(what, record_type, path)}"
 
 
 def read_json_object(
@@ -168,7 +168,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(tables) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f'key "{_shortened(twice)}" stands twice in one object')
+        raise ValueError(f'key "{_short_word(twice)}" stands twice in one object')
     return tables
 
 
@@ -176,7 +176,7 @@ def non_finite_numbers(data: object, path: str = "") -> Iterator[tuple[str, floa
     """Path and value of every NaN and infinity in plain tables and lists."""
     if isinstance(data, dict):
         for key, value in data.items():
-            word = _shortened(str(key))
+            word = _short_word(str(key))
             yield from non_finite_numbers(value, f"{path}.{word}" if path else word)
     elif isinstance(data, (list, tuple)):
         for index, value in enumerate(data):
@@ -218,16 +218,16 @@ def refuse_unknown_keys(
 
 
 def _unknown_key(key: str, known: list[str]) -> str:
-    return f'unknown key "{_shortened(key)}"; {did_you_mean(key, known)}'
+    return f'unknown key "{_short_word(key)}"; {did_you_mean(key, known)}'
 
 
-def _split(complaint: str) -> tuple[str, str]:
+def _reason_and_path(complaint: str) -> tuple[str, str]:
     """What is wrong, and the path of the key without its leading "$."."""
     match = re.fullmatch(r"(?s)(.*) - at `\$\.?(.*)`", complaint)
     return (match[1], match[2]) if match else (complaint, "")
 
 
-def _in_plain_words(what: str, record_type: Any, path: str) -> str:
+def _plain_words(what: str, record_type: Any, path: str) -> str:
     unknown = re.fullmatch(r"(?s)Object contains unknown field `(.*)`", what)
     if unknown:
         return _unknown_key(unknown[1], _keys_at(record_type, path))
@@ -238,7 +238,7 @@ def _in_plain_words(what: str, record_type: Any, path: str) -> str:
     if choice:
         known = [str(literal) for literal in _literals(_type_at(record_type, path))]
         hint = did_you_mean(choice[1], known)
-        return f'"{_shortened(choice[1])}" is unknown; {hint}'
+        return f'"{_short_word(choice[1])}" is unknown; {hint}'
     what = re.sub(r"`([a-z| ]+)`", lambda types: _plain_types(types[1]), what)
     what = re.sub(r"(length )?([<>]=?) (-?[\d.e+-]+)", _plain_bound, what)
     return what[:1].lower() + what[1:]
@@ -252,7 +252,7 @@ def _plain_bound(found: re.Match[str]) -> str:
     return found[1] + words.removeprefix("of ") if found[1] else words
 
 
-def _shortened(word: str) -> str:
+def _short_word(word: str) -> str:
     return word if len(word) <= _LONGEST_WORD else f"{word[:_LONGEST_WORD]}..."
 
 

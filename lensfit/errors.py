@@ -35,8 +35,10 @@ class LensfitError(Exception):
 
     def _sentence(self) -> str:
         place = f"{self.where}: " if self.where is not None else ""
-        advice = f"; {_shortened(self.remedy)}" if self.remedy else ""
-        return printable(" ".join(f"{place}{_shortened(self.what)}{advice}".split()))
+        advice = f"; {_on_one_short_line(self.remedy)}" if self.remedy else ""
+        return printable(
+            " ".join(f"{place}{_on_one_short_line(self.what)}{advice}".split())
+        )
 
 
 def sentence_of(error: BaseException) -> str:
@@ -59,7 +61,7 @@ def error_at_frame(error: LensfitError, path: Path) -> LensfitError:
     return LensfitError(what, where=path, remedy=error.remedy)
 
 
-def _shortened(text: str) -> str:
+def _on_one_short_line(text: str) -> str:
     """A line stays a line, whatever a file holds where a word should stand."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 

@@ -19,10 +19,10 @@ _UNSAFE = re.compile(
 
 def printable(text: str) -> str:
     """The text on one line, with what cannot be shown as ``\\x1b`` or ``\\u202e``."""
-    return _UNSAFE.sub(_escaped, text)
+    return _UNSAFE.sub(_escape_sequence, text)
 
 
-def _escaped(found: re.Match[str]) -> str:
+def _escape_sequence(found: re.Match[str]) -> str:
     code = ord(found[0])
     if code > 0xFFFF:
         return f"\\U{code:08x}"

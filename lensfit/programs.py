@@ -109,7 +109,7 @@ class KeptProgram(Generic[_R]):
         call = _Call(settings, tuple(static.items()), tree, kinds)
         with self._one_at_a_time:
             if call not in self._ready:
-                self._ready[call] = self._obtained(call, arrays)
+                self._ready[call] = self._kept_or_compiled(call, arrays)
             program = self._ready[call]
         return self._jitted(**given) if program is None else program(**arrays)
 
@@ -118,7 +118,7 @@ class KeptProgram(Generic[_R]):
         with self._one_at_a_time:
             self._ready.clear()
 
-    def _obtained(
+    def _kept_or_compiled(
         self, call: _Call, arrays: dict[str, Any]
     ) -> Callable[..., Any] | None:
         """The kept program, or one compiled now and kept; None where none can be."""
@@ -130,12 +130,14 @@ class KeptProgram(Generic[_R]):
         path = folder / f"{self._function.__name__}-{digest}"
         read = read_program(path, jax.tree.structure(((), arrays)))
         if read is not None:
-            return self._checked(read, call)
-        program = self._compiled(call, arrays, digest)
+            return self._checked_program(read, call)
+        program = self._compiled_program(call, arrays, digest)
         write_program(path, program)
         return program
 
-    def _checked(self, read: Callable[..., Any], call: _Call) -> Callable[..., Any]:
+    def _checked_program(
+        self, read: Callable[..., Any], call: _Call
+    ) -> Callable[..., Any]:
         """A program from a file; where it does not run here, it is traced after all."""
 
         def run(**arrays: Any) -> Any:
@@ -147,7 +149,7 @@ class KeptProgram(Generic[_R]):
 
         return run
 
-    def _compiled(
+    def _compiled_program(
         self, call: _Call, arrays: dict[str, Any], digest: str
     ) -> jax.stages.Compiled:
         def named(**arrays: Any) -> Any:

@@ -48,9 +48,9 @@ def exchange_folder(made: Path, folder: Path, replaces: Iterable[Path]) -> bool:
         return False
     done = False
     try:
-        kept = _filled(whole, made, folder, set(replaces))
+        kept = _fill_folder(whole, made, folder, set(replaces))
         shutil.copystat(folder, whole)
-        done = _exchanged(whole, folder)
+        done = _exchange_names(whole, folder)
         if done:
             _late_files(whole, folder, whole / made.name, kept)
     except OSError:
@@ -67,7 +67,9 @@ def _stands_in(folder: Path) -> bool:
     return True
 
 
-def _filled(whole: Path, made: Path, folder: Path, replaces: set[Path]) -> set[Path]:
+def _fill_folder(
+    whole: Path, made: Path, folder: Path, replaces: set[Path]
+) -> set[Path]:
     """Link what is new, and what stays of the old; all that the old folder held.
 
     Raises
@@ -106,7 +108,7 @@ def _entries(folder: Path, made: Path) -> Iterator[Path]:
             yield from _entries(path, made)
 
 
-def _exchanged(one: Path, other: Path) -> bool:
+def _exchange_names(one: Path, other: Path) -> bool:
     """Whether two names were exchanged."""
     if not sys.platform.startswith("linux"):
         return False

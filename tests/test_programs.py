@@ -162,7 +162,7 @@ def test_what_was_compiled_now_may_fail_as_it_likes(monkeypatch):
         raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
 
     mine = program()
-    monkeypatch.setattr(mine, "_compiled", lambda *_: fails)
+    monkeypatch.setattr(mine, "_compiled_program", lambda *_: fails)
     monkeypatch.setattr(programs, "write_program", lambda *_: None)
     with pytest.raises(jax.errors.JaxRuntimeError, match="out of memory"):
         mine(PAIR, 1.5)

@@ -25,10 +25,10 @@ from lensfit.chart.pattern import (
     ChartKind,
     Pattern,
     Polarity,
-    in_steps,
     make_pattern,
     marker_cells,
     marker_ids,
+    nearest_printable_length_mm,
     pattern_layers,
 )
 from lensfit.chart.sheet import Sheet
@@ -38,7 +38,7 @@ _FONT = FontProperties(family="DejaVu Sans")
 _EM = 100.0
 
 
-def lettered(
+def text_outline(
     text: str, left_mm: float, baseline_mm: float, size_mm: float, *, align: float = 0.0
 ) -> Outline:
     """A line of text.
@@ -175,7 +175,7 @@ def _pattern(sheet: Sheet, wanted: Wanted, module_mm: float) -> Pattern:
                 f"{option} {length:g} is out of range",
                 remedy=f"give {least:g} to {_LARGEST_LENGTH_MM:g} mm",
             )
-    pitch, mark = in_steps(pitch), in_steps(mark)
+    pitch, mark = nearest_printable_length_mm(pitch), nearest_printable_length_mm(mark)
     band = sheet.margin_mm + STRIP_MODULES[1] * module_mm
     lines = wanted.kind == "line-grid"
     clear = (LINE_CLEAR_PITCHES if lines else CLEAR_PITCHES) * pitch
@@ -219,7 +219,7 @@ def draw(layout: Layout, version: str) -> Drawing:
             *pattern_layers(layout.pattern, layout.origin_mm, ink, ground),
             Layer(ink, boxes_mm=boxes, outlines=letters),
         ),
-        title=", ".join(described(layout.pattern)),
+        title=", ".join(pattern_description(layout.pattern)),
     )
 
 
@@ -249,11 +249,11 @@ def foil_drawing(layout: Layout) -> Drawing:
             *pattern_layers(pattern, layout.origin_mm, WHITE, BLACK),
             Layer(WHITE, boxes_mm=_code_boxes(layout, bar=FOIL_BAR)),
         ),
-        title=", ".join(described(pattern)),
+        title=", ".join(pattern_description(pattern)),
     )
 
 
-def described(pattern: Pattern) -> tuple[str, str]:
+def pattern_description(pattern: Pattern) -> tuple[str, str]:
     """A pattern in words: what it is, and its sizes."""
     name = pattern.kind.replace("-", " ")
     if pattern.kind == "checkerboard":
@@ -310,15 +310,15 @@ def _ruler_letters(layout: Layout) -> list[Outline]:
     base = top + 0.45 * layout.band_mm + 0.8 * size
     half, whole = layout.ruler_mm // 2, layout.ruler_mm
     return [
-        lettered("0", left, base, size),
-        lettered(f"{half}", left + half, base, size, align=0.5),
-        lettered(f"{whole} mm", left + whole, base, size, align=1.0),
+        text_outline("0", left, base, size),
+        text_outline(f"{half}", left + half, base, size, align=0.5),
+        text_outline(f"{whole} mm", left + whole, base, size, align=1.0),
     ]
 
 
 def _caption(layout: Layout, version: str) -> list[Outline]:
     """Three lines beside the first code strip, as large as there is room."""
-    name, sizes = described(layout.pattern)
+    name, sizes = pattern_description(layout.pattern)
     shown = "show" if layout.sheet.pixel_mm is not None else "print"
     lines = (
         f"lensfit {version}: {name}",
@@ -333,7 +333,7 @@ def _caption(layout: Layout, version: str) -> list[Outline]:
         return _caption_below(layout, lines)
     top = layout.code_mm[0][1] + layout.band_mm / 2 - 1.4 * size
     return [
-        lettered(line, left, top + (0.78 + 1.0 * k) * size * 1.2, size)
+        text_outline(line, left, top + (0.78 + 1.0 * k) * size * 1.2, size)
         for k, line in enumerate(lines)
     ]
 
@@ -344,4 +344,4 @@ def _caption_below(layout: Layout, lines: tuple[str, ...]) -> list[Outline]:
     left, top = layout.ruler_at_mm
     room = layout.sheet.width_mm - 2 * left
     size = min(0.2 * layout.band_mm, room / width_per_em(text))
-    return [lettered(text, left, top + 0.98 * layout.band_mm, size)]
+    return [text_outline(text, left, top + 0.98 * layout.band_mm, size)]

@@ -212,7 +212,7 @@ def _is_inked(sites: np.ndarray) -> np.ndarray:
     return np.floor(sites + 1).sum(-1) % 2 == 0
 
 
-def in_steps(length_mm: float) -> float:
+def nearest_printable_length_mm(length_mm: float) -> float:
     """The nearest length that a chart can say of itself."""
     return round(round(length_mm / STEP_MM) * STEP_MM, 4)
 

@@ -57,7 +57,7 @@ def paper_sheet(
         width, height = _pair(paper, "paper", f"{', '.join(PAPERS)} or WxH in mm")
     else:
         width, height = size if portrait else size[::-1]
-    return _checked(Sheet(width, height, _margin(width, height, margin_mm)))
+    return _check_sheet_size(Sheet(width, height, _margin(width, height, margin_mm)))
 
 
 def screen_sheet(
@@ -83,7 +83,9 @@ def screen_sheet(
             remedy="divide the width of the lit area by the number of its pixels",
         )
     width, height = width_px * pixel_mm, height_px * pixel_mm
-    return _checked(Sheet(width, height, _margin(width, height, margin_mm), pixel_mm))
+    return _check_sheet_size(
+        Sheet(width, height, _margin(width, height, margin_mm), pixel_mm)
+    )
 
 
 def _pair(text: str, what: str, wanted: str) -> tuple[float, float]:
@@ -99,7 +101,7 @@ def _margin(width_mm: float, height_mm: float, margin_mm: float | None) -> float
     return margin_mm
 
 
-def _checked(sheet: Sheet) -> Sheet:
+def _check_sheet_size(sheet: Sheet) -> Sheet:
     shorter, longer = sorted((sheet.width_mm, sheet.height_mm))
     if shorter < _SMALLEST_MM or longer > _LARGEST_MM:
         raise ChartError(

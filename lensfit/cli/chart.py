@@ -147,7 +147,7 @@ def chart(
         return
     if not out:
         raise typer.BadParameter("name a file to write, as in --out chart.pdf")
-    from lensfit.chart.layout import described
+    from lensfit.chart.layout import pattern_description
     from lensfit.workflow.chart import write_chart
 
     layout = write_chart(out, chart.sheet(), chart.wanted(), dpi=dpi)
@@ -156,7 +156,7 @@ def chart(
 
         typer.echo(json.dumps({"files": [str(p) for p in out], **asdict(layout)}))
         return
-    say_line(", ".join(described(layout.pattern)))
+    say_line(", ".join(pattern_description(layout.pattern)))
     for path in out:
         say_line(str(path))
 

@@ -51,7 +51,7 @@ def check(
     session = CheckSession(described, out)
     bad = False
     for path in _paths(session, images or [], watch):
-        bad |= not _checked(session, path, as_json)
+        bad |= not _check_and_print(session, path, as_json)
     if bad:
         raise typer.Exit(1)
 
@@ -71,7 +71,7 @@ def _paths(
         yield from photographs_of_plan(session.shoot)
 
 
-def _checked(session: "CheckSession", path: Path, as_json: bool) -> bool:
+def _check_and_print(session: "CheckSession", path: Path, as_json: bool) -> bool:
     """Check one and print it: whether it may stay as it is."""
     from lensfit.cli._door import say_error
     from lensfit.errors import LensfitError

@@ -136,7 +136,7 @@ def _say(own, plan, per_channel: bool, as_json: bool) -> None:
     if plan.margins.missing:
         say_note("part of the frame shows nothing that an undistorted plate can hold")
     if as_json:
-        facts = _facts(plan, per_channel) | (_of_plate(own, plan) if own else {})
+        facts = _facts(plan, per_channel) | (_plate_record(own, plan) if own else {})
         typer.echo(json.dumps(facts, indent=1))
         return
     for line in [*_lines(plan, per_channel), *(_verdict(own, plan) if own else [])]:
@@ -175,7 +175,7 @@ def _facts(plan, per_channel: bool) -> dict:
     return found
 
 
-def _of_plate(own, plan) -> dict:
+def _plate_record(own, plan) -> dict:
     blurred = plan.with_blur
     return {
         "plate": {

@@ -89,7 +89,7 @@ def find_blobs(
         for polarity in polarities:
             mask = _half_level_mask(smooth, noise / scale, polarity)
             blobs = _blobs_of(mask, scale)
-            found[polarity, scale] = blobs, _latticed(blobs)
+            found[polarity, scale] = blobs, _lattice_member_count(blobs)
     if not found:
         return BlobSearch(_no_blobs(), polarities[0], noise)
     best = max(found, key=lambda key: found[key][1] * (1 + 0.02 / key[1]))
@@ -201,7 +201,7 @@ def _is_compact(area: np.ndarray, moment: np.ndarray) -> np.ndarray:
     return (area > 0.8 * ellipse - 1) & (aspect2 < 5.0**2)
 
 
-def _latticed(blobs: Blobs) -> int:
+def _lattice_member_count(blobs: Blobs) -> int:
     """How many blobs have neighbours of their own kind in two opposite pairs."""
     if len(blobs.centre_px) < _ENOUGH:
         return 0

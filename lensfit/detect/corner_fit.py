@@ -68,11 +68,11 @@ def fit_corners(
     window_per_square : Half width of the window along each step, in squares.
     """
     given = image, starts_px, steps_px, window_per_square
-    found = _fitted(*given, _HALF_WIDTH_PX[0])
+    found = _fit_corners(*given, _HALF_WIDTH_PX[0])
     if not found.settled.any():
         return found
     wanted_px = half_width_px(found.blur_px[found.settled])
-    return found if wanted_px == _HALF_WIDTH_PX[0] else _fitted(*given, wanted_px)
+    return found if wanted_px == _HALF_WIDTH_PX[0] else _fit_corners(*given, wanted_px)
 
 
 def half_width_px(blur_px: Float[np.ndarray, " corners"]) -> int:
@@ -81,7 +81,7 @@ def half_width_px(blur_px: Float[np.ndarray, " corners"]) -> int:
     return int(np.clip(wanted_px, *_HALF_WIDTH_PX))
 
 
-def _fitted(
+def _fit_corners(
     image: Float[np.ndarray, "height width"],
     starts_px: Float[np.ndarray, "corners 2"],
     steps_px: Float[np.ndarray, "corners 2 2"],
@@ -91,12 +91,14 @@ def _fitted(
     """Fit corners within a window."""
     known = np.isfinite(steps_px).all((1, 2)) & (np.abs(np.linalg.det(steps_px)) > 1)
     steps_px = np.where(known[:, None, None], steps_px, 1e-3 * np.eye(2))
-    patches = _cut(image, starts_px, steps_px, window_per_square, half_width_px)
+    patches = _patches_around(
+        image, starts_px, steps_px, window_per_square, half_width_px
+    )
     parameters = _first_guess(patches, steps_px)
     damping = np.full(len(starts_px), 1e-3)
     cost = _cost(patches, parameters)
     for _ in range(STEPS):
-        jacobian, residual = _linearised(patches, parameters)
+        jacobian, residual = _weighted_linear_model(patches, parameters)
         normal = np.einsum("npi,npj->nij", jacobian, jacobian)
         slope = np.einsum("npi,np->ni", jacobian, residual)
         scale = np.einsum("nii->ni", normal) + 1e-12
@@ -115,7 +117,7 @@ def _fitted(
     return _outcome(patches, parameters, cost, starts_px)
 
 
-def _cut(
+def _patches_around(
     image: np.ndarray,
     starts: np.ndarray,
     steps: np.ndarray,
@@ -174,7 +176,7 @@ def _cost(patches: _Patches, parameters: np.ndarray) -> np.ndarray:
     return (patches.weight * residual**2).sum(1)
 
 
-def _linearised(
+def _weighted_linear_model(
     patches: _Patches, parameters: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the model by its parameters, and values minus model; weighted."""
@@ -213,7 +215,7 @@ def _outcome(
     patches: _Patches, parameters: np.ndarray, cost: np.ndarray, starts: np.ndarray
 ) -> CornerFit:
     """Positions with the covariance of the fit, NaN where it did not settle."""
-    jacobian, _ = _linearised(patches, parameters)
+    jacobian, _ = _weighted_linear_model(patches, parameters)
     normal = np.einsum("npi,npj->nij", jacobian, jacobian)
     scale = 1 / np.sqrt(np.einsum("nii->ni", normal) + 1e-30)
     scaled = normal * scale[:, :, None] * scale[:, None, :]

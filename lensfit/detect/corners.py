@@ -128,7 +128,7 @@ def find_checkerboard(photograph: Photograph) -> Observations:
             where=photograph.path,
             remedy="check the target's kind, the focus and the exposure",
         )
-    return _measured(photograph, best, None)
+    return _settled_corners(photograph, best, None)
 
 
 def find_charuco(photograph: Photograph, board: Mapping[str, Any]) -> Observations:
@@ -179,7 +179,7 @@ def find_charuco(photograph: Photograph, board: Mapping[str, Any]) -> Observatio
             remedy="check squares, dictionary and marker_ratio of the target, and that "
             "the markers are sharp and not mirrored",
         )
-    return _measured(photograph, best, found_on)
+    return _settled_corners(photograph, best, found_on)
 
 
 def _dictionary(photograph: Photograph, name: str) -> Any:
@@ -255,7 +255,7 @@ def _local_steps(corners: _Corners) -> Float[np.ndarray, "corners 2 2"]:
     return steps
 
 
-def _measured(
+def _settled_corners(
     photograph: Photograph, corners: _Corners, markers: MarkerBoard | None
 ) -> Observations:
     """Fit the corners in every channel and keep those that settle.

@@ -74,19 +74,19 @@ def directional_blur(
         return None
     some = usable[:: max(1, len(usable) // _MOST_POINTS)]
     if kind in ("checkerboard", "charuco"):
-        return _of_squares(image, found, some, _REACH[kind])
+        return _blur_of_squares(image, found, some, _REACH[kind])
     jacobian = mapped.jacobians_px(found.lattice[some])
     if (found.family != POINT).any():
-        return _of_lines(image, found, some, jacobian, feature_pitches)
+        return _blur_of_lines(image, found, some, jacobian, feature_pitches)
     diameter_px = found.diameter_px[some]
     if not np.isfinite(diameter_px).any():
         return None
     if float(np.nanmedian(diameter_px)) > LARGEST_SMALL_DOT_PX or not found.bright:
-        return _of_large_dots(image, found, some, jacobian)
-    return _of_small_dots(image, found, some, jacobian, feature_pitches or 0.0)
+        return _blur_of_large_dots(image, found, some, jacobian)
+    return _blur_of_small_dots(image, found, some, jacobian, feature_pitches or 0.0)
 
 
-def _of_small_dots(
+def _blur_of_small_dots(
     image: np.ndarray,
     found: Observations,
     some: np.ndarray,
@@ -116,7 +116,7 @@ def _of_small_dots(
     tensor = moments - hole
     along = np.einsum("da,nab,db->nd", _TENSOR_WAYS, tensor, _TENSOR_WAYS)
     good = np.isfinite(along).all(1) & (total > 0)
-    return _gathered(found.points_px[some][good], _TENSOR_WAYS, along[good])
+    return _joined_samples(found.points_px[some][good], _TENSOR_WAYS, along[good])
 
 
 def _patches(image: np.ndarray, points_px: np.ndarray, half: int):
@@ -134,7 +134,7 @@ def _patches(image: np.ndarray, points_px: np.ndarray, half: int):
     return patch, x, y, inside
 
 
-def _of_large_dots(
+def _blur_of_large_dots(
     image: np.ndarray, found: Observations, some: np.ndarray, jacobian: np.ndarray
 ) -> DirectionalBlur | None:
     """Across the rim of each dot, in eight directions."""
@@ -148,10 +148,10 @@ def _of_large_dots(
     ways = np.tile(_RAYS, (len(some), 1))
     profile = _profiles(image, starts, ways, away)
     variance = _edge_variance_px2(profile, _STEP_PX)
-    return _kept(starts + radius * ways, ways, variance)
+    return _finite_samples(starts + radius * ways, ways, variance)
 
 
-def _of_squares(
+def _blur_of_squares(
     image: np.ndarray, found: Observations, some: np.ndarray, reach_pitches: float
 ) -> DirectionalBlur | None:
     """Across the sides of squares, between neighbouring corners."""
@@ -180,10 +180,10 @@ def _of_squares(
         [_profiles(image, first + part * side, normal, away) for part in along], 0
     )
     variance = _edge_variance_px2(profile, _STEP_PX)
-    return _kept(first + side / 2, normal, variance)
+    return _finite_samples(first + side / 2, normal, variance)
 
 
-def _of_lines(
+def _blur_of_lines(
     image: np.ndarray,
     found: Observations,
     some: np.ndarray,
@@ -210,7 +210,7 @@ def _of_lines(
     mean = light @ away / total
     variance = (light * (away - mean[:, None]) ** 2).sum(1) / total
     variance -= (width_pitches * pitch_px) ** 2 / 12 + _INTERPOLATED_PX2
-    return _kept(found.points_px[some], normal, variance)
+    return _finite_samples(found.points_px[some], normal, variance)
 
 
 def _profiles(
@@ -245,7 +245,7 @@ def _edge_variance_px2(profile: np.ndarray, step_px: float) -> np.ndarray:
     return np.where(known, (width / 2) ** 2 - _INTERPOLATED_PX2, np.nan)
 
 
-def _kept(
+def _finite_samples(
     points_px: np.ndarray, ways: np.ndarray, variance_px2: np.ndarray
 ) -> DirectionalBlur | None:
     good = np.isfinite(variance_px2) & np.isfinite(ways).all(1)
@@ -255,10 +255,12 @@ def _kept(
     return DirectionalBlur(points_px[good], ways[good], least)
 
 
-def _gathered(
+def _joined_samples(
     points_px: np.ndarray, ways: np.ndarray, along: np.ndarray
 ) -> DirectionalBlur | None:
     """One sample of each point and direction."""
     count = len(ways)
     everywhere = np.repeat(points_px, count, 0)
-    return _kept(everywhere, np.tile(ways, (len(points_px), 1)), along.ravel())
+    return _finite_samples(
+        everywhere, np.tile(ways, (len(points_px), 1)), along.ravel()
+    )

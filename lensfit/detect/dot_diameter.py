@@ -52,7 +52,7 @@ def dot_diameter_mm(
     ----------
     pitch_mm : Of the chart, to the right and down.
     """
-    found = _measured(marks, dot_images)
+    found = _measured_dots(marks, dot_images)
     of_cell = found.area_px2 / _lattice_cells_px2(marks)[dot_images.marks]
     of_cell = of_cell[found.even & found.whole & np.isfinite(of_cell)]
     if len(of_cell) < _FEWEST:
@@ -64,7 +64,7 @@ def even_in_the_middle(
     marks: Observations, dot_images: DotImages
 ) -> Bool[np.ndarray, " dots"]:
     """Whether a dot is broad and blur does not reach its middle, in green."""
-    return _measured(marks, dot_images).even
+    return _measured_dots(marks, dot_images).even
 
 
 class _Measured(NamedTuple):
@@ -76,7 +76,7 @@ class _Measured(NamedTuple):
     whole: Bool[np.ndarray, " dots"]
 
 
-def _measured(marks: Observations, dot_images: DotImages) -> _Measured:
+def _measured_dots(marks: Observations, dot_images: DotImages) -> _Measured:
     """In green."""
     light, cell = dot_images.light[:, 1], dot_images.cell_px
     valid = dot_images.valid[:, 1] & ~dot_images.clipped[:, 1]

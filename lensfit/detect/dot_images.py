@@ -90,7 +90,7 @@ def cut_dot_images(photograph: Photograph, marks: Observations) -> DotImages | N
     if not len(chosen):
         return None
     half = float(np.quantile(reach_px[chosen], 0.9)) + MARGIN_PX
-    pixels, own = _of_three_channels(photograph), _measured(photograph)
+    pixels, own = _three_channels(photograph), _measured_photosites(photograph)
     noise = _pixel_noise(-pixels if marks.are_dark_dots else pixels, own)
     middle_px = marks.points_px[chosen]
     return dot_images_about(
@@ -118,7 +118,7 @@ def dot_images_about(
     cell : Pixels along a cell, at least.
     pixel_noise : As `DotImages` has it.
     """
-    pixels, own = _of_three_channels(photograph), _measured(photograph)
+    pixels, own = _three_channels(photograph), _measured_photosites(photograph)
     align = 1
     if own is not None and cell > 1:
         cell, align = cell + cell % 2, 2
@@ -165,7 +165,7 @@ def _inner_samples(
     return inner[few.astype(int)]
 
 
-def _measured(photograph: Photograph) -> np.ndarray | None:
+def _measured_photosites(photograph: Photograph) -> np.ndarray | None:
     """Where each channel was measured; None if everywhere."""
     if photograph.mosaic is None or photograph.pixels.shape[2] == 1:
         return None
@@ -234,7 +234,7 @@ def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:
     return np.stack(rows_columns)[:, ::-1] - 0.5
 
 
-def _of_three_channels(photograph: Photograph) -> np.ndarray:
+def _three_channels(photograph: Photograph) -> np.ndarray:
     """Its pixels; those of a grey one thrice."""
     pixels = photograph.pixels
     return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels

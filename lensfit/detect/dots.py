@@ -249,7 +249,7 @@ def _observe(
     green = 1 if pixels.shape[2] == 3 else 0
     spacing = nearest(KDTree(blobs.centre_px), blobs.centre_px, 2)[0][:, 1]
     windows = windows_of(blobs.moment_px2, spacing, bright=polarity == "bright")
-    ignore = _drawn(strays, pixels.shape[:2])
+    ignore = _stray_mask(strays, pixels.shape[:2])
 
     def measured(channel: int) -> Measured:
         light = pixels[..., channel]
@@ -288,7 +288,7 @@ def _from_zero(indices: np.ndarray, asymmetric: bool) -> np.ndarray:
     return indices - least if len(indices) else indices
 
 
-def _drawn(strays: Blobs, shape: tuple[int, int]) -> np.ndarray:
+def _stray_mask(strays: Blobs, shape: tuple[int, int]) -> np.ndarray:
     """Mask of the marks that belong to no lattice, with their blur."""
     mask = np.zeros(shape, np.uint8)
     radius = 1.3 * np.sqrt(strays.area_px / np.pi) + 2

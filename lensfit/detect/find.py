@@ -65,7 +65,7 @@ def observe(
         found = _find(part, kind, polarity, board)
     except DetectionError as error:
         raise _blame_exposure(part, error) from error
-    found = _in_whole_photograph(found, photograph, corner, roi)
+    found = _moved_to_whole_photograph(found, photograph, corner, roi)
     if not len(found):
         raise DetectionError(
             f"no marks of the {kind} lie inside the region {list(roi or ())}",
@@ -170,7 +170,7 @@ def _blame_exposure(photograph: Photograph, error: DetectionError) -> DetectionE
     )
 
 
-def _in_whole_photograph(
+def _moved_to_whole_photograph(
     found: Observations,
     photograph: Photograph,
     corner: tuple[int, int],

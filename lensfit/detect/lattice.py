@@ -65,7 +65,7 @@ def consistent_members(
     board: Board, points_px: Float[np.ndarray, "points 2"]
 ) -> Bool[np.ndarray, " points"]:
     """Members that fit their surroundings, in the largest seamless part."""
-    board = board.rebased(np.eye(2, dtype=int))
+    board = board.on_basis(np.eye(2, dtype=int))
     for _ in range(_ROUNDS):
         off = deviations(board, points_px) > _OFF_PLACE
         if not off.any():
@@ -209,9 +209,9 @@ def index_lattice(
     valid = np.zeros(len(points_px), bool)
     board = _largest_component(points_px)
     if board is not None:
-        board = board.rebased(_squarest(board, points_px))
+        board = board.on_basis(_squarest(board, points_px))
         board.keep_only(consistent_members(board, points_px))
-        board = board.rebased(_upright(board, points_px, asymmetric))
+        board = board.on_basis(_upright(board, points_px, asymmetric))
         valid = board.is_member
         least = board.cells[valid].min(0, initial=1 << 30)
         if asymmetric:

@@ -136,7 +136,7 @@ class Board:
         self._grid[dropped[:, 0], dropped[:, 1]] = -1
         self.cells[~keep] = self.FREE
 
-    def rebased(self, matrix: Int[np.ndarray, "2 2"]) -> "Board":
+    def on_basis(self, matrix: Int[np.ndarray, "2 2"]) -> "Board":
         """The same members on cells counted in another basis."""
         board = Board(len(self.cells))
         members = np.flatnonzero(self.is_member)

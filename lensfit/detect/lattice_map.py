@@ -76,14 +76,14 @@ def lattice_map(found: Observations) -> LatticeMap | None:
     design = np.stack([u**p * v**q for p, q in _POWERS], 1)
     points = found.family == POINT
     if points.all():
-        return LatticeMap(middle, half, _solved(design, found.points_px))
+        return LatticeMap(middle, half, _least_squares(design, found.points_px))
     # A sample of a line is known across the line only: one row of both axes at once.
     normal = np.where(points[:, None], 0.0, found.normal)
     rows = np.hstack([design * normal[:, :1], design * normal[:, 1:]])
     right = (normal * found.points_px).sum(1)
-    both = _solved(rows, right)
+    both = _least_squares(rows, right)
     return LatticeMap(middle, half, both.reshape(2, -1).T)
 
 
-def _solved(design: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _least_squares(design: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(design, right, rcond=None)[0]

@@ -107,7 +107,7 @@ def measure_pieces(
     )
 
 
-def on_whole_rows(pieces: Pieces, rows: int) -> Pieces:
+def pieces_on_whole_rows(pieces: Pieces, rows: int) -> Pieces:
     """The same pieces moved along their line by up to half a pixel.
 
     Their middle becomes that of the rows (or columns) that are read, so that an error
@@ -186,7 +186,7 @@ def profile_half_width_px(profiles: list[MeanProfile], pitch_px: float) -> float
 def line_shape(profiles: list[MeanProfile]) -> LineShape | None:
     """Width and blur of lines by least squares; None where there is no profile."""
     across_px = np.concatenate([one.distance_px * one.slant for one in profiles])
-    height = np.concatenate([_scaled(one.height) for one in profiles])
+    height = np.concatenate([_relative_height(one.height) for one in profiles])
     seen = np.isfinite(height)
     if seen.sum() <= _NUMBERS:
         return None
@@ -206,7 +206,7 @@ def line_shape(profiles: list[MeanProfile]) -> LineShape | None:
     return LineShape(float(2 * half_px), float(blur_px))
 
 
-def _scaled(height: Float[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
+def _relative_height(height: Float[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
     """From 0 beside the line to 1 on it; NaN where it is level."""
     if not np.isfinite(height).any():
         return height

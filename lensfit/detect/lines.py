@@ -28,7 +28,7 @@ from lensfit.detect.line_measure import (
     line_shape,
     mean_profiles,
     measure_pieces,
-    on_whole_rows,
+    pieces_on_whole_rows,
     profile_half_width_px,
     read_axis,
 )
@@ -87,14 +87,14 @@ def numbered_crossings(
     indices, valid = index_lattice(crossings)
     indices, on_grid = indices[valid], crossings[valid]
     start, end = _neighbours(indices)
-    joined = _joined(on_grid[start], on_grid[end], ridge, scale)
+    joined = _are_joined(on_grid[start], on_grid[end], ridge, scale)
     share = float(joined.mean()) if len(joined) else 0.0
-    attached = _attached(len(on_grid), start[joined], end[joined])
+    attached = _are_attached(len(on_grid), start[joined], end[joined])
     indices, on_grid = indices[attached], on_grid[attached]
     if (
         len(on_grid) < FEWEST_CROSSINGS
         or (np.ptp(indices, axis=0) < 2).any()
-        or _explained(on_grid, crossings) < LEAST_EXPLAINED
+        or _explained_share(on_grid, crossings) < LEAST_EXPLAINED
         or share < LEAST_JOINED
     ):
         colour = "bright" if scale.sign > 0 else "dark"
@@ -107,13 +107,13 @@ def numbered_crossings(
     return Crossings(on_grid, indices - indices.min(0), len(crossings))
 
 
-def _explained(on_grid: np.ndarray, crossings: np.ndarray) -> float:
+def _explained_share(on_grid: np.ndarray, crossings: np.ndarray) -> float:
     """Part of the candidates within the grid's outline that belong to it."""
     inside = Delaunay(on_grid).find_simplex(crossings) >= 0
     return len(on_grid) / max(int(inside.sum()), 1)
 
 
-def _joined(
+def _are_joined(
     start: np.ndarray, end: np.ndarray, ridge: np.ndarray, scale: RidgeScale
 ) -> Bool[np.ndarray, " pairs"]:
     """Which neighbouring crossings a ridge joins without a break."""
@@ -128,7 +128,7 @@ def _joined(
     return strength[3:-3].min(0) > BREAK * strength[[0, -1]].mean(0)
 
 
-def _attached(
+def _are_attached(
     count: int, start: np.ndarray, end: np.ndarray
 ) -> Bool[np.ndarray, " crossings"]:
     """Crossings that hang together, by ridges, with a good part of all others."""
@@ -188,7 +188,7 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
     crossings = numbered_crossings(image, scale, photograph.path)
     windows, shape = _windows_and_shape(photograph, crossings, scale.sign)
     window = windows[photograph.luminance_index]
-    pieces, centres = _refined(image, crossings, window, scale.sign)
+    pieces, centres = _refined_pieces(image, crossings, window, scale.sign)
     kept = _reliable(pieces, centres)
     if not kept.any():
         raise DetectionError(
@@ -235,13 +235,15 @@ def _window(half_width_px: float, pitch_px: float) -> Window:
     return Window(half_width_px, fade_px, flank_px, piece_px)
 
 
-def _refined(
+def _refined_pieces(
     image: np.ndarray, crossings: Crossings, window: Window, sign: int
 ) -> tuple[Pieces, Centres]:
     """Pieces along well-predicted lines, and their centres."""
     indices, points_px = crossings.indices, crossings.points_px
     for last in reversed(range(REFINEMENTS)):
-        pieces = on_whole_rows(cut_pieces(indices, points_px, window), window.rows)
+        pieces = pieces_on_whole_rows(
+            cut_pieces(indices, points_px, window), window.rows
+        )
         centres = measure_pieces(image, pieces, window, sign)
         if last:
             shift_px = centres.dx_px[:, None] * read_axis(pieces)

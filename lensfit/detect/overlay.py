@@ -220,7 +220,7 @@ def _neighbours(
     return np.array(pairs, int).reshape(-1, 2)
 
 
-def _fixed(place: np.ndarray) -> tuple[int, int]:
+def _fixed_point(place: np.ndarray) -> tuple[int, int]:
     """OpenCV's fixed-point coordinates of a position with pixel centres at 0.5."""
     x, y = np.round((place - 0.5) * (1 << SUBPIXEL_BITS)).astype(int)
     return int(x), int(y)
@@ -228,13 +228,15 @@ def _fixed(place: np.ndarray) -> tuple[int, int]:
 
 def _stroke(canvas: Canvas, a: np.ndarray, b: np.ndarray, colour: np.ndarray) -> None:
     ink = tuple(int(value) for value in colour)
-    cv2.line(canvas, _fixed(a), _fixed(b), ink, 1, cv2.LINE_AA, SUBPIXEL_BITS)
+    cv2.line(
+        canvas, _fixed_point(a), _fixed_point(b), ink, 1, cv2.LINE_AA, SUBPIXEL_BITS
+    )
 
 
 def _ring(canvas: Canvas, place: np.ndarray, radius: float, colour: np.ndarray) -> None:
     ink = tuple(int(value) for value in colour)
     size = round(radius * (1 << SUBPIXEL_BITS))
-    cv2.circle(canvas, _fixed(place), size, ink, 1, cv2.LINE_AA, SUBPIXEL_BITS)
+    cv2.circle(canvas, _fixed_point(place), size, ink, 1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _flags(
@@ -286,7 +288,7 @@ def draw_overlay(
 def overlay_picture(photograph: Photograph, observations: Observations) -> Image.Image:
     """The overlay of one photograph, at most `WIDEST_PX` wide."""
     scale = _scale(photograph.size_px[0])
-    canvas = _developed(photograph, observations, scale)
+    canvas = _dimmed_photograph(photograph, observations, scale)
     lines = observations.family != POINT
     if lines.any():
         number = observations.lattice[
@@ -328,10 +330,10 @@ def stripe_colours(
             [-0.0041960863, -0.7034186147, 1.7076147010],
         ]
     )
-    return _encoded((lab @ to_lms.T) ** 3 @ to_rgb.T)
+    return _srgb_codes((lab @ to_lms.T) ** 3 @ to_rgb.T)
 
 
-def _encoded(linear: np.ndarray) -> UInt8[np.ndarray, "..."]:
+def _srgb_codes(linear: np.ndarray) -> UInt8[np.ndarray, "..."]:
     """sRGB code values of linear light, clipped to 0..1."""
     linear = np.clip(linear, 0, 1)
     curved = 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055
@@ -340,7 +342,7 @@ def _encoded(linear: np.ndarray) -> UInt8[np.ndarray, "..."]:
     )
 
 
-_CODES = _encoded(np.linspace(0.0, 1.0, 1 << 16))
+_CODES = _srgb_codes(np.linspace(0.0, 1.0, 1 << 16))
 """Of all levels of 16 bits: a picture has millions of samples, a power is slow."""
 
 
@@ -350,7 +352,7 @@ def _scale(width: int) -> float:
     return float(np.ceil(NARROWEST_PX / width)) if width < NARROWEST_PX else 1.0
 
 
-def _developed(
+def _dimmed_photograph(
     photograph: Photograph, observations: Observations, scale: float
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The photograph exposed so that its highlights just fit, greyed and dimmed.

@@ -184,7 +184,7 @@ def _mask_of(profiles: Sequence[EdgeProfile]) -> UnsharpMask | None:
         each = values[3:].reshape(3, count).T
         return np.concatenate(
             [
-                _modelled(one, mask, np.exp(blur), np.exp(disc), off_px)
+                _sharpened_edge(one, mask, np.exp(blur), np.exp(disc), off_px)
                 for one, (blur, disc, off_px) in zip(profiles, each, strict=True)
             ]
         )
@@ -210,7 +210,7 @@ def without_sharpening(photograph: Photograph, mask: UnsharpMask) -> Photograph:
         return photograph
     coded = _root(photograph.pixels, mask.gamma)
     luma = _luma(coded)
-    coded = coded + (_divided(luma, mask) - luma)[..., None]
+    coded = coded + (_deconvolved_luma(luma, mask) - luma)[..., None]
     light = _root(coded, 1 / mask.gamma).astype(np.float32)
     kept = photograph.pixels >= photograph.saturation
     return replace(photograph, pixels=np.where(kept, photograph.pixels, light))
@@ -264,7 +264,7 @@ def _far_from_border(
     return inside
 
 
-def _modelled(
+def _sharpened_edge(
     profile: EdgeProfile,
     mask: UnsharpMask,
     blur_px: float,
@@ -279,10 +279,10 @@ def _modelled(
     step[_SIZE // 2] = 1.0
     low, high = (level**_COMPARED_GAMMA for level in (profile.dark, profile.bright))
     blurred = low + (high - low) * np.cumsum(
-        _filtered(step, blur * 2 * j1(disc) / disc)
+        _filtered_samples(step, blur * 2 * j1(disc) / disc)
     )
     coded = _root(blurred, mask.gamma)
-    slopes = _filtered(np.diff(coded, prepend=coded[0]), _response(k**2, mask))
+    slopes = _filtered_samples(np.diff(coded, prepend=coded[0]), _response(k**2, mask))
     # Files hold no light below nothing: beside black ink the dark halo is cut off.
     coded = np.maximum(coded[0] + np.cumsum(slopes), 0.0)
     light = coded ** (mask.gamma / _COMPARED_GAMMA)
@@ -291,7 +291,7 @@ def _modelled(
     return (light - profile.dark) / (profile.bright - profile.dark)
 
 
-def _filtered(
+def _filtered_samples(
     samples: Float[np.ndarray, " samples"], response: Float[np.ndarray, " samples"]
 ) -> Float[np.ndarray, " samples"]:
     return np.real(np.fft.ifft(np.fft.fft(samples) * response))
@@ -304,7 +304,7 @@ def _response(
     return 1 + mask.amount * (1 - np.exp(-k2 * mask.radius_px**2 / 2))
 
 
-def _divided(
+def _deconvolved_luma(
     luma: Float[np.ndarray, "height width"], mask: UnsharpMask
 ) -> Float[np.ndarray, "height width"]:
     """The picture over S, as if it went on beyond its border."""

@@ -221,7 +221,7 @@ def inverse_points(
                 break
             step = np.zeros_like(points)
             step[active] = _newton_step(function, points[active], error[active], unit)
-            points, error, moved = _damped(function, target, points, error, step)
+            points, error, moved = _damped_step(function, target, points, error, step)
             if not moved:
                 break
         jacobian = _jacobian(function, points, unit)
@@ -237,7 +237,7 @@ def is_folded(
         return not bool((_det(_jacobian(function, points, unit)) > 0).all())
 
 
-def _damped(function, target, points, error, step):
+def _damped_step(function, target, points, error, step):
     """The step, halved where it makes the error larger; whether anything moved."""
     size, factor = _size(error), np.ones(len(points))
     pending = _size(step) > 0

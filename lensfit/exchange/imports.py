@@ -46,7 +46,7 @@ Reader = Callable[[Path, StatedValues, str | None], ForeignLens]
 """Of a file, what is stated beside it, and the name of the camera in a database."""
 
 
-def _of_one_lens(read: Callable[[Path, StatedValues], ForeignLens]) -> Reader:
+def _single_lens_reader(read: Callable[[Path, StatedValues], ForeignLens]) -> Reader:
     return lambda path, stated, _: read(path, stated)
 
 
@@ -75,11 +75,13 @@ class Format:
 
 
 FOREIGN_FORMATS: dict[str, Format] = {
-    "stmap": Format(_of_one_lens(lens_of_uv_map), starts=(EXR_MAGIC,)),
-    "usd": Format(_of_one_lens(read_usd_camera), starts=STARTS),
-    "mrcal": Format(_of_one_lens(read_mrcal), words=("LENSMODEL_",)),
+    "stmap": Format(_single_lens_reader(lens_of_uv_map), starts=(EXR_MAGIC,)),
+    "usd": Format(_single_lens_reader(read_usd_camera), starts=STARTS),
+    "mrcal": Format(_single_lens_reader(read_mrcal), words=("LENSMODEL_",)),
     "unreal": Format(
-        _of_one_lens(read_unreal), opens=("{",), words=('"cameraParameterTables"',)
+        _single_lens_reader(read_unreal),
+        opens=("{",),
+        words=('"cameraParameterTables"',),
     ),
     "opentrackio": Format(
         lambda path, stated, _: lens_of_opentrackio(
@@ -87,7 +89,9 @@ FOREIGN_FORMATS: dict[str, Format] = {
         ),
         opens=("{", "["),
     ),
-    "syntheyes": Format(_of_one_lens(read_syntheyes), opens=("<",), words=("<Lens",)),
+    "syntheyes": Format(
+        _single_lens_reader(read_syntheyes), opens=("<",), words=("<Lens",)
+    ),
     "lensfun": Format(
         lambda path, stated, camera: lens_of_lensfun(
             read_lensfun(path), stated, path, camera

@@ -248,7 +248,7 @@ def _map(
     splined = _SPLINED.fullmatch(name)
     if splined is not None:
         grid = _grid(SplineGrid(*map(int, splined.groups())), path)
-        _counted(numbers, 4 + 2 * grid.columns * grid.rows, name, path)
+        _check_count(numbers, 4 + 2 * grid.columns * grid.rows, name, path)
         fx, fy, cx, cy = numbers[:4]
         controls = np.array(numbers[4:]).reshape(grid.rows, grid.columns, 2)
         return SplinedMap((fx, fy, cx, cy), grid, controls, size, pitch_mm)
@@ -259,7 +259,7 @@ def _map(
             remedy="convert it with mrcal-convert-lensmodel to LENSMODEL_OPENCV8 or a "
             "splined stereographic one",
         )
-    _counted(numbers, 4 + _OPENCV[name], name, path)
+    _check_count(numbers, 4 + _OPENCV[name], name, path)
     fx, fy, cx, cy = numbers[:4]
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     coefficients = np.array([*numbers[4:], *[0.0] * (18 - len(numbers))])
@@ -279,7 +279,7 @@ def _grid(grid: SplineGrid, path: Path) -> SplineGrid:
     return grid
 
 
-def _counted(numbers: list[float], count: int, name: str, path: Path) -> None:
+def _check_count(numbers: list[float], count: int, name: str, path: Path) -> None:
     if len(numbers) != count:
         raise ExchangeError(
             f"holds {len(numbers)} intrinsics, and {name[:60]} has {count}", where=path

@@ -84,7 +84,7 @@ def node_text(kind: str, knobs: Mapping[str, str]) -> str:
     return "\n".join([f"{kind} {{", *lines, "}"]) + "\n"
 
 
-def quoted(text: str) -> str:
+def quoted_word(text: str) -> str:
     """Text as one word of a script, on one line."""
     lines = [re.sub(r'([\\"$\[\]{}])', r"\\\1", line) for line in text.split("\n")]
     return '"' + "\\n".join(printable(line) for line in lines) + '"'
@@ -191,7 +191,7 @@ def nuke_stmap_text(
         plate = {
             "inputs": "0",
             "name": f"plate_to_{direction}",
-            "label": quoted("connect the plate here"),
+            "label": quoted_word("connect the plate here"),
             "xpos": f"{x}",
             "ypos": "60",
         }
@@ -213,11 +213,11 @@ def _read(
     found = {
         "inputs": "0",
         "file_type": "exr",
-        "file": quoted(files.file.absolute().as_posix()),
+        "file": quoted_word(files.file.absolute().as_posix()),
         "format": f'"{width} {height} 0 0 {width} {height} 1 "',
         "raw": "true",
         "name": f"map_{direction}",
-        "label": quoted(label),
+        "label": quoted_word(label),
         "xpos": f"{x + 110}",
         "ypos": "0",
     }
@@ -226,7 +226,7 @@ def _read(
         found |= {"first": first, "last": last}
         found |= {"origfirst": first, "origlast": last, "origset": "true"}
     if files.has_gaps:
-        found["on_error"] = quoted("nearest frame")
+        found["on_error"] = quoted_word("nearest frame")
     return found
 
 
@@ -270,7 +270,7 @@ def _stmaps_of_channels(direction: str, column: int, x: int) -> Iterator[str]:
 def export_stmaps(request: ExportRequest) -> Exported:
     """Both UV maps in the folder `request.out`, as `lensfit stmap` writes them."""
     written = _maps(request, request.out)
-    return _exported(request, written, written.paths)
+    return _stmap_export(request, written, written.paths)
 
 
 def export_nuke_maps(request: ExportRequest) -> Exported:
@@ -285,7 +285,7 @@ def export_nuke_maps(request: ExportRequest) -> Exported:
         maps, request.frame.size_px, label, per_channel=request.per_channel
     )
     write_text_atomic(request.out, text)
-    return _exported(request, written, (request.out, *written.paths))
+    return _stmap_export(request, written, (request.out, *written.paths))
 
 
 def _maps(request: ExportRequest, folder) -> WrittenStmaps:
@@ -300,7 +300,7 @@ def _maps(request: ExportRequest, folder) -> WrittenStmaps:
     )
 
 
-def _exported(request: ExportRequest, written: WrittenStmaps, paths) -> Exported:
+def _stmap_export(request: ExportRequest, written: WrittenStmaps, paths) -> Exported:
     found = export_result(
         request, request.lens(), (), has_colour=request.per_channel, paths=paths
     )

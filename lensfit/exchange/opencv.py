@@ -67,10 +67,10 @@ def opencv_distorted(
         ],
         -1,
     )
-    return bent if not (tau_x or tau_y) else _tilted(bent, tau_x, tau_y)
+    return bent if not (tau_x or tau_y) else _tilted_points(bent, tau_x, tau_y)
 
 
-def _tilted(points: Points, tau_x: float, tau_y: float) -> Points:
+def _tilted_points(points: Points, tau_x: float, tau_y: float) -> Points:
     cx, sx, cy, sy = np.cos(tau_x), np.sin(tau_x), np.cos(tau_y), np.sin(tau_y)
     about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
     about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
@@ -175,7 +175,9 @@ def read_opencv(path: str | Path) -> OpenCvFile:
     path = Path(path)
     text = read_text(path, _KIND)
     is_xml = text.lstrip()[:1] == "<"
-    fields = _Fields(_of_xml(read_xml(path, _KIND)) if is_xml else _of_yaml(text), path)
+    fields = _Fields(
+        _xml_words(read_xml(path, _KIND)) if is_xml else _yaml_words(text), path
+    )
     model = " ".join(fields.fields.get("distortion_model", []))
     if _FISHEYE.search(model) or (
         "fisheye_model" in fields.fields
@@ -246,7 +248,7 @@ _KEY = re.compile(r"^([A-Za-z_]\w*)[ \t]*:[ \t]*(.*)$")
 _DATA = re.compile(r"\bdata[ \t]*:\s*\[")
 
 
-def _of_yaml(text: str) -> dict[str, list[str]]:
+def _yaml_words(text: str) -> dict[str, list[str]]:
     """Words of every key at the left margin; of a mapping, those of its `data`."""
     blocks: dict[str, list[str]] = {}
     current: list[str] = []
@@ -271,7 +273,7 @@ def _words(block: str) -> list[str]:
     return [w for w in (word.strip("\"'") for word in words) if w not in ("", "-")]
 
 
-def _of_xml(root: Element) -> dict[str, list[str]]:
+def _xml_words(root: Element) -> dict[str, list[str]]:
     def words(element: Element) -> list[str]:
         data = element.text_of("data")
         return (element.text if data is None else data).replace('"', " ").split()

@@ -192,16 +192,18 @@ def fit_distortion(
     start = _start(samples, principal_distance_mm, principal_point_mm)
     if box is not None:
         start = replace(start, box=jnp.asarray(box))
-    best = _fitted(start, samples, _FEW, named=False, free=False)
+    best = _fit_candidate(start, samples, _FEW, named=False, free=False)
     if best.off_px < NEAR_ENOUGH_PX:
         return _tidy(best.lens)
-    lopsided = _fitted(best.lens, samples, _FEW, named=True, free=False)
+    lopsided = _fit_candidate(best.lens, samples, _FEW, named=True, free=False)
     named = lopsided.off_px < _WORTH * best.off_px
     best = lopsided if named else best
     for free in (False, True):
         if best.off_px < NEAR_ENOUGH_PX:
             break
-        other = _fitted(best.lens, samples, _RADIAL, named=named or free, free=free)
+        other = _fit_candidate(
+            best.lens, samples, _RADIAL, named=named or free, free=free
+        )
         best = other if other.off_px < _WORTH * best.off_px else best
     return _tidy(best.lens)
 
@@ -273,7 +275,7 @@ def _box(lens: Distortion, samples: Samples) -> np.ndarray:
     return np.stack([low - margin, high + margin])
 
 
-def _fitted(
+def _fit_candidate(
     lens: Distortion, samples: Samples, radial_terms: int, *, named: bool, free: bool
 ) -> _Candidate:
     """So many radial terms and the squeeze fitted, with the other terms or not."""

@@ -164,7 +164,9 @@ def fit_ray_series(
         bent, light = _lines(scene, nodes, places, channel)
         channels.append(_channel_series(bent, nodes, places, scene))
         if channel == scene.channels[len(scene.channels) // 2]:
-            weight = _pruned(nodes, places, light[:, :, None], (_INVISIBLE_LIGHT,))
+            weight = _pruned_series(
+                nodes, places, light[:, :, None], (_INVISIBLE_LIGHT,)
+            )
     assert weight is not None
     made = CyclesLens(
         frame.sensor_width_mm,
@@ -174,7 +176,7 @@ def fit_ray_series(
         _opening(scene),
     )
     made = _with_brightness(made, scene)
-    return made, _judged(made, scene)
+    return made, _series_error(made, scene)
 
 
 def _scene(lens: "Lens", frame: ExchangeFrame) -> _Scene:
@@ -297,7 +299,7 @@ def _channel_series(
     crossing = unseen / scene.vergences_per_mm[-1]
     limits = (unseen, unseen, crossing, crossing)
     x, y = (
-        _pruned(
+        _pruned_series(
             nodes,
             places,
             np.stack(
@@ -310,7 +312,7 @@ def _channel_series(
     return x, y
 
 
-def _pruned(
+def _pruned_series(
     nodes: np.ndarray,
     places: np.ndarray,
     values: Float[np.ndarray, "nodes places columns"],
@@ -358,7 +360,7 @@ def _opening(scene: _Scene) -> LensOpening:
 def _with_brightness(made: CyclesLens, scene: _Scene) -> CyclesLens:
     """So that the mean over all places is the relative illumination."""
     nodes = _nodes(*_LIGHT_NODES)
-    wanted = _wanted(made, scene, nodes * scene.half_mm)
+    wanted = _wanted_transmission(made, scene, nodes * scene.half_mm)
     degrees, shapes = _basis(nodes, _LIGHT_DEGREE)
     found = np.linalg.lstsq(shapes, wanted.T, rcond=None)[0]
     keep = np.abs(found).max(1) > _INVISIBLE_LIGHT
@@ -371,9 +373,11 @@ def _with_brightness(made: CyclesLens, scene: _Scene) -> CyclesLens:
     return CyclesLens(made.width_mm, made.half_mm, channels, made.weight, made.opening)
 
 
-def _wanted(made: CyclesLens, scene: _Scene, at_mm: np.ndarray) -> np.ndarray:
+def _wanted_transmission(
+    made: CyclesLens, scene: _Scene, at_mm: np.ndarray
+) -> np.ndarray:
     """Relative illumination over the mean light that comes through, of each channel."""
-    passed = _passed(made, at_mm)
+    passed = _mean_transmission(made, at_mm)
     dark = passed < _DARK * passed.max()
     rows = []
     for channel in scene.channels:
@@ -383,7 +387,7 @@ def _wanted(made: CyclesLens, scene: _Scene, at_mm: np.ndarray) -> np.ndarray:
     return np.stack(rows)
 
 
-def _passed(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
+def _mean_transmission(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
     """Mean weight over evenly drawn places, those that are stopped counting nothing."""
     places = _spiral(_MEAN_PLACES)
     weight = made.weight.on_grid(at_mm / np.array(made.half_mm), places)[..., 0]
@@ -392,28 +396,30 @@ def _passed(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
     return (weight * open_).mean(1)
 
 
-def _judged(made: CyclesLens, scene: _Scene) -> RaySeriesError:
+def _series_error(made: CyclesLens, scene: _Scene) -> RaySeriesError:
     """At other points than those that the sums went through."""
     x, y = (np.linspace(-0.97, 0.97, n) for n in _JUDGED)
     green_mm = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2) * scene.half_mm
     places = _spiral(_JUDGED_PLACES)
     off = [
-        _off_px(made, scene, green_mm, places, channel, vergence)
+        _ray_miss_px(made, scene, green_mm, places, channel, vergence)
         for channel in scene.channels
         for vergence in scene.vergences_per_mm
     ]
     middle = scene.channels[len(scene.channels) // 2]
-    chief = _off_px(
+    chief = _ray_miss_px(
         made, scene, green_mm, np.zeros((1, 2)), middle, scene.vergences_per_mm[1]
     )
-    wanted = _wanted(made, scene, green_mm) * _passed(made, green_mm)
+    wanted = _wanted_transmission(made, scene, green_mm) * _mean_transmission(
+        made, green_mm
+    )
     half = np.array(made.half_mm)
     given = np.stack(
         [
             one.brightness.at(green_mm / half, np.zeros_like(green_mm))[:, 0]
             for one in made.channels
         ]
-    ) * _passed(made, green_mm)
+    ) * _mean_transmission(made, green_mm)
     return RaySeriesError(
         residual_from(chief),
         residual_from(np.concatenate(off)),
@@ -421,7 +427,7 @@ def _judged(made: CyclesLens, scene: _Scene) -> RaySeriesError:
     )
 
 
-def _off_px(
+def _ray_miss_px(
     made: CyclesLens,
     scene: _Scene,
     green_mm: np.ndarray,

@@ -166,17 +166,17 @@ def fit_tde4(model: str, samples: Samples, centre_mm: tuple[float, float]) -> Td
     angle_deg, along, across = _stretch(samples, centre_mm)
     if model == RADIAL:
         start = [0.0] * 6 + [angle_deg, along / across - 1]
-        return _fitted(plain, start, samples)
+        return _fit_knobs(plain, start, samples)
     start = [0.0] * 10 + [angle_deg, along, across]
-    upright = _fitted(plain, start, samples, held=("Lens_Rotation", "Rescale"))
-    found = [upright, _fitted(plain, start, samples, held=("Rescale",))]
+    upright = _fit_knobs(plain, start, samples, held=("Lens_Rotation", "Rescale"))
+    found = [upright, _fit_knobs(plain, start, samples, held=("Rescale",))]
     if model == RESCALED:
         for scale in dict.fromkeys((1.0, along / across, across / along)):
-            found.append(_fitted(plain, [*start, scale], samples))
+            found.append(_fit_knobs(plain, [*start, scale], samples))
     return _simplest(found, samples)
 
 
-def _fitted(
+def _fit_knobs(
     plain: Tde4Map, start: list[float], samples: Samples, held: tuple[str, ...] = ()
 ) -> Tde4Map:
     names = list(KNOBS[plain.model])[: len(start)]

@@ -31,7 +31,7 @@ from lensfit.exchange.foreign import (
 from lensfit.exchange.nuke_script import (
     NukeNode,
     node_text,
-    quoted,
+    quoted_word,
     read_nuke_nodes,
 )
 from lensfit.exchange.samples import residual_of
@@ -151,7 +151,7 @@ def tde4_node_text(
     knobs = {"direction": "undistort"}
     knobs |= {k: repr(float(v)) for k, v in values.items()}
     knobs |= {f"field_of_view_{k}_unit": repr(v) for k, v in _FIELD_OF_VIEW.items()}
-    knobs |= {"name": re.sub(r"\W+", "_", name) or "lens", "label": quoted(label)}
+    knobs |= {"name": re.sub(r"\W+", "_", name) or "lens", "label": quoted_word(label)}
     comment = "".join(f"# {line}\n" for line in label.splitlines())
     return comment + node_text(model.model, knobs)
 

@@ -225,7 +225,7 @@ def _frame(
     return size, width or positive_number(sensor.get("width"), "sensor width", path)
 
 
-def _listed(found: Mapping[str, Any], where: str, name: str, path: Path):
+def _listed_parameter(found: Mapping[str, Any], where: str, name: str, path: Path):
     tables = found.get(where)
     for table in tables if isinstance(tables, list) else ():
         if isinstance(table, dict) and table.get("parameterName") == name:
@@ -262,7 +262,7 @@ def _cells(table: Mapping[str, Any], columns: tuple[str, ...], path: Path):
 
 def _rows(found: Mapping[str, Any], name: str, path: Path):
     """Values of a table by focus and zoom."""
-    table = _listed(found, "cameraParameterTables", name, path)
+    table = _listed_parameter(found, "cameraParameterTables", name, path)
     rows = _cells(table, (*_KEYS, *_TABLES[name]), path)
     if not rows:
         raise ExchangeError(f"{name} has no rows", where=path)
@@ -272,7 +272,7 @@ def _rows(found: Mapping[str, Any], name: str, path: Path):
 def _focus_curve(found: Mapping[str, Any], path: Path):
     """Focus distance in mm of an encoder's value; None where no table says it."""
     try:
-        table = _listed(found, "encoderTables", "Focus", path)
+        table = _listed_parameter(found, "encoderTables", "Focus", path)
     except ExchangeError:
         return lambda _key: None
     rows = np.array(sorted(_cells(table, ("FocusEncoder", "FocusCM"), path)))

@@ -59,15 +59,15 @@ class UvMap:
         """NaN beyond the map."""
         if self.direction == "undistort":
             return self._looked_up(undistorted_mm)
-        return self._searched(undistorted_mm)
+        return self._inverse_positions(undistorted_mm)
 
     def undistorted(self, distorted_mm: Points) -> Points:
         """NaN beyond the map."""
         if self.direction == "redistort":
             return self._looked_up(distorted_mm)
-        return self._searched(distorted_mm)
+        return self._inverse_positions(distorted_mm)
 
-    def _searched(self, points_mm: Points) -> Points:
+    def _inverse_positions(self, points_mm: Points) -> Points:
         unit = float(np.hypot(*self.area_mm)) / 2
         found = inverse_points(
             lambda p: self._looked_up(p, clamp=True), points_mm, unit
@@ -115,8 +115,12 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
             remedy="give --direction undistort (values are distorted positions) or "
             "redistort",
         )
-    width = _known(found, stated.sensor_width_mm, "lens/aperture", path, "sensor-width")
-    focal = _known(found, stated.focal_length_mm, "lens/focal", path, "focal-length")
+    width = _known_number(
+        found, stated.sensor_width_mm, "lens/aperture", path, "sensor-width"
+    )
+    focal = _known_number(
+        found, stated.focal_length_mm, "lens/focal", path, "focal-length"
+    )
     display = found.display_window
     size = (display.width, display.height)
     if stated.size_px not in (None, size):
@@ -153,7 +157,7 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
     )
 
 
-def _known(
+def _known_number(
     found: Stmap, stated: float | None, key: str, path: Path, option: str
 ) -> float:
     value = stated if stated is not None else found.attributes.get(key)
@@ -183,7 +187,7 @@ def _map(
     display, data = found.display_window, found.data_window
     if min(data.width, data.height) < 8:
         raise ExchangeError("is too small for a lens", where=path)
-    rows, columns = (_thinned(n) for n in (data.height, data.width))
+    rows, columns = (_evenly_spread_indices(n) for n in (data.height, data.width))
     source = px_from_uv(uv[np.ix_(rows, columns)].astype(float), display)
     source -= np.array(display[:2], float)
     if not np.isfinite(source).all() or np.abs(source).max() > 1e6:
@@ -204,6 +208,6 @@ def _map(
     )
 
 
-def _thinned(count: int) -> np.ndarray:
+def _evenly_spread_indices(count: int) -> np.ndarray:
     """Indices with both ends, evenly spread but whole."""
     return np.unique(np.linspace(0, count - 1, min(count, _KNOTS)).round().astype(int))

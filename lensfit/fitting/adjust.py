@@ -349,7 +349,7 @@ def with_robust_weights(adjustment: Adjustment) -> Adjustment:
     weight = np.where(adjustment.stack.present, weight, 0.0)
     stated = adjustment.statements
     if stated is not None:
-        stated = stated.reweighted(adjustment.parameters)
+        stated = stated.with_robust_weights(adjustment.parameters)
     return replace(
         adjustment, model_variance_mm2=variance, weight=weight, statements=stated
     )

@@ -22,7 +22,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.lens_state import LensState, by_focal_length
+from lensfit.fitting.lens_state import LensState, states_by_focal_length
 from lensfit.fitting.statements import PUPIL_MAGNIFICATION_WIDTH
 
 _REVERSED = 0.003
@@ -65,11 +65,11 @@ def reversed_breathing(states: Iterable[LensState]) -> dict[float, str]:
     stated focus otherwise.
     """
     found = {}
-    for focal_mm, mine in by_focal_length(states).items():
+    for focal_mm, mine in states_by_focal_length(states).items():
         known = [
             (state.focus_distance_mm, float(state.distortion.principal_distance_mm))
             for state in mine
-            if state.focus_distance_mm is not None and _measured(state)
+            if state.focus_distance_mm is not None and _has_measured_distance(state)
         ]
         if len(known) < 2:
             continue
@@ -83,5 +83,5 @@ def reversed_breathing(states: Iterable[LensState]) -> dict[float, str]:
     return found
 
 
-def _measured(state: LensState) -> bool:
+def _has_measured_distance(state: LensState) -> bool:
     return any(view.target_distance_mm is not None for view in state.geometry.takes)

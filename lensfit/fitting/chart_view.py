@@ -111,7 +111,7 @@ class View:
         return self.squeeze != 1.0
 
 
-def grouped(views: list[View]) -> list[list[View]]:
+def views_by_state(views: list[View]) -> list[list[View]]:
     """Views of one focal length and focus distance together, in order.
 
     Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.

@@ -230,7 +230,7 @@ def board_basis(board: Float[Array, "2"], degree: int) -> Float[Array, " terms"]
     return chebyshev[pairs[:, 0], 0] * chebyshev[pairs[:, 1], 1]
 
 
-def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
+def split_parameters(parameters: Array, layout: Layout) -> tuple[Array, Array]:
     """Shared parameters, and one row of local ones for each view."""
     local = parameters[layout.shared :].reshape(-1, layout.local)
     return parameters[: layout.shared], local
@@ -250,7 +250,7 @@ def centroid_shift_mm(
 
     `radius_mm` is that of the dots on the board; zero gives zero.
     """
-    shared, local = split(parameters, layout)
+    shared, local = split_parameters(parameters, layout)
     points = jnp.concatenate([jnp.zeros((1, 2)), jnp.asarray(_OUTLINE)])
 
     def shift(detection, own, view, radius):

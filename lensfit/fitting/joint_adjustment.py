@@ -105,7 +105,7 @@ def pupil_shift_with_shared_errors(state: LensState) -> FittedPupilShift | None:
         return None
     one = _linearised_map(state, {})
     adjustment = one.adjustment
-    white = _whitened(one, adjustment.model_variance_mm2)
+    white = _whitened_map(one, adjustment.model_variance_mm2)
     slopes = np.concatenate([white.slopes, -white.moves])
     prior_matrix = np.eye(len(slopes))
     count = len(one.prior_matrix)
@@ -233,13 +233,13 @@ def _amplitude_equations(
     residual_mm = one.residual_mm - np.tensordot(amplitudes, one.moves_mm, 1)
     variance = one.adjustment.model_variance_mm2
     for _ in range(_VARIANCES):
-        white = _whitened(one, variance)
+        white = _whitened_map(one, variance)
         gradient = white.slopes @ (white.residual - amplitudes @ white.moves)
         change = _map_response(one, white, gradient + one.prior_gradient)
         after_mm = residual_mm - np.tensordot(change, one.slopes_mm, 1)
         found = model_variance_mm2(one.adjustment.stack, after_mm)
         variance = np.minimum(found, one.adjustment.model_variance_mm2)
-    white = _whitened(one, variance)
+    white = _whitened_map(one, variance)
     mixed = white.slopes @ white.moves.T
     gradient = white.slopes @ white.residual + one.prior_gradient
     return _AmplitudeEquations(
@@ -258,7 +258,7 @@ def _map_response(
     return np.linalg.solve(matrix, gradient)
 
 
-def _whitened(
+def _whitened_map(
     one: _LinearisedMap, variance_mm2: Float[np.ndarray, " views"]
 ) -> _Whitened:
     """The map whitened with detection noise and this model variance per photograph."""

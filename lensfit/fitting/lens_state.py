@@ -121,7 +121,7 @@ def fit_state(
 def with_colour(states: Sequence[LensState]) -> list[LensState]:
     """The states with their lateral colour, fitted jointly for each focal length."""
     found: dict[int, dict[str, ChannelColour]] = {}
-    for mine in by_focal_length(states).values():
+    for mine in states_by_focal_length(states).values():
         seen = [
             Views(
                 state.geometry.takes,
@@ -177,7 +177,7 @@ def engraved_focal_lengths(states: Iterable[LensState]) -> dict[float, Statement
     of these there is none.
     """
     found = {}
-    for focal_mm, mine in by_focal_length(states).items():
+    for focal_mm, mine in states_by_focal_length(states).items():
         known = [
             (state.focus_distance_mm, one)
             for state in mine
@@ -185,11 +185,11 @@ def engraved_focal_lengths(states: Iterable[LensState]) -> dict[float, Statement
             if one.quantity == "focal_length"
         ]
         if known and not any(t.anamorphic for s in mine for t in s.geometry.takes):
-            found[focal_mm] = _engraved(known)
+            found[focal_mm] = _engraved_focal_length(known)
     return found
 
 
-def _engraved(known: list[tuple[float | None, Statement]]) -> Statement:
+def _engraved_focal_length(known: list[tuple[float | None, Statement]]) -> Statement:
     """Of one focal length, from its focus distances."""
     ordered = sorted((one for _, one in known), key=lambda one: one.residual_widths)
     middle = ordered[len(ordered) // 2]
@@ -204,7 +204,7 @@ def _engraved(known: list[tuple[float | None, Statement]]) -> Statement:
     return min(middle, at_infinity, key=lambda one: abs(one.residual_widths))
 
 
-def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:
+def states_by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:
     """The states grouped by focal length, shortest first."""
     found: dict[float, list[LensState]] = {}
     for state in sorted(states, key=lambda one: one.focal_length_mm):

@@ -26,10 +26,10 @@ from lensfit.fitting.chart_view import View
 from lensfit.fitting.joint_adjustment import error_amplitudes
 from lensfit.fitting.lens_state import (
     LensState,
-    by_focal_length,
     engraved_focal_lengths,
     mean_held_out_rms_px,
     more_accurate_state,
+    states_by_focal_length,
     with_colour,
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
@@ -206,7 +206,7 @@ def _jointly_corrected_wavefronts(
     of a dot's image more than its position.
     """
     corrected = {}
-    centroids = by_focal_length(states)
+    centroids = states_by_focal_length(states)
     worse = _focal_lengths_with_smaller_error(states, first.states)
     for focal_mm, found in first.wavefronts.items():
         if not (found.behind_mosaic or focal_mm in worse):
@@ -225,7 +225,7 @@ def _focal_lengths_with_smaller_error(
     states: list[LensState], others: list[LensState]
 ) -> set[float]:
     """Focal lengths at which `states` have a smaller held-out error than `others`."""
-    mine, theirs = by_focal_length(states), by_focal_length(others)
+    mine, theirs = states_by_focal_length(states), states_by_focal_length(others)
     return {
         focal_mm
         for focal_mm in mine.keys() & theirs.keys()

@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.lens_state import LensState, by_focal_length
+from lensfit.fitting.lens_state import LensState, states_by_focal_length
 from lensfit.fitting.wavefront.adjusted_wavefront import refit_without_centroid_bias
 from lensfit.fitting.wavefront.dot_data import (
     PhotographedFallOff,
@@ -80,9 +80,11 @@ def fit_wavefronts(
 ) -> LensWavefronts:
     """Fit a wavefront for each focal length whose dots can be used."""
     if effort is Effort.NONE:
-        return LensWavefronts({}, dict.fromkeys(by_focal_length(states), _LEFT_OUT), {})
+        return LensWavefronts(
+            {}, dict.fromkeys(states_by_focal_length(states), _LEFT_OUT), {}
+        )
     found = LensWavefronts({}, {}, {})
-    for focal_mm, mine in by_focal_length(states).items():
+    for focal_mm, mine in states_by_focal_length(states).items():
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _dot_photographs(state, assumed)]
@@ -197,17 +199,17 @@ def _reason_without_blur(pictured: list[DotPhotograph], states: list[LensState])
         return "state hole_diameter_mm of the dots, which are blurred to their middle"
     if pictured:
         return _LINES_OF_ONE_SETTING
-    if any(one.are_lines for one in _seen(states)):
+    if any(one.are_lines for one in _observations_of(states)):
         return "state line_width_mm of the lines, whose edges blur hides"
     return ""
 
 
 def _saw_dots(states: list[LensState]) -> bool:
     """Whether dots were photographed, of known diameter or not."""
-    return any(np.isfinite(one.diameter_px).any() for one in _seen(states))
+    return any(np.isfinite(one.diameter_px).any() for one in _observations_of(states))
 
 
-def _seen(states: list[LensState]) -> list[Observations]:
+def _observations_of(states: list[LensState]) -> list[Observations]:
     return [view.observations for state in states for view in state.geometry.takes]
 
 

@@ -146,11 +146,12 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
             state.descent_state.fall < self.tolerance * state.descent_state.chi_squared
         )
         little = (
-            self._promised(state) < self.tolerance * state.descent_state.chi_squared
+            self._predicted_decrease(state)
+            < self.tolerance * state.descent_state.chi_squared
         )
         return done | (state.num_steps > 0) & (little | slow) | late, result
 
-    def _promised(self, state: Any) -> Array:
+    def _predicted_decrease(self, state: Any) -> Array:
         """By how much the next step should lower chi-squared."""
         here = state.descent_state
         step, _ = self.descent.step(state.search_state.step_size, here)

@@ -48,7 +48,7 @@ from lensfit.fitting.geometry import (
     parts_of,
     predicted_mm,
     shifted_mm,
-    split,
+    split_parameters,
 )
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.view_stack import Detections
@@ -130,8 +130,11 @@ def row(
     pulls = [pull(unit) for unit in jnp.eye(2)]
     bases = _board_bases(detection.board, view, layout)
     rows = [
-        _in_order(
-            slopes | _guarded(nudge, displacement) | _of_board(nudge, bases), layout
+        _ordered_slopes(
+            slopes
+            | _displacement_parts(nudge, displacement)
+            | _board_parts(nudge, bases),
+            layout,
         )
         for slopes, nudge in pulls
     ]
@@ -151,7 +154,7 @@ def _displacement_near(q: Array, corner: Array, lens) -> _Displacement:
     return _Displacement(q, corner, value, by_q, by_corner, named, free)
 
 
-def _guarded(nudge: _Nudge, displacement: _Displacement) -> Parts:
+def _displacement_parts(nudge: _Nudge, displacement: _Displacement) -> Parts:
     by_free = jnp.outer(nudge.image, displacement.free).reshape(-1)
     by_named = named_parts(displacement.named @ nudge.image)
     return by_named | {"free_field": by_free}
@@ -164,7 +167,7 @@ def _board_bases(board: Array, view: BoardPose, layout: Layout) -> tuple[Array, 
     return stretch * extent, board_basis(board, layout.bend_degree) * extent
 
 
-def _of_board(nudge: _Nudge, bases: tuple[Array, Array]) -> Parts:
+def _board_parts(nudge: _Nudge, bases: tuple[Array, Array]) -> Parts:
     stretch, bend = bases
     return {
         "board_stretch": jnp.outer(nudge.board_mm[:2], stretch).reshape(-1),
@@ -172,7 +175,7 @@ def _of_board(nudge: _Nudge, bases: tuple[Array, Array]) -> Parts:
     }
 
 
-def _in_order(slopes: Parts, layout: Layout) -> Array:
+def _ordered_slopes(slopes: Parts, layout: Layout) -> Array:
     names = (*layout.blocks, *layout.local_blocks)
     return jnp.concatenate([slopes[name] for name in names])
 
@@ -204,7 +207,7 @@ def predictions_mm(
     frame: Frame,
 ) -> Float[Array, "chunks detections 2"]:
     """Where points on the boards should be seen."""
-    shared, local = split(parameters, layout)
+    shared, local = split_parameters(parameters, layout)
     of_detections = jax.vmap(predicted_mm, (0, None, None, None, None, None))
 
     def predictions_of_chunk(board, k):
@@ -226,12 +229,12 @@ def equations(
     Quick where the number of chunks is a multiple of `BATCH`. Every core takes every so
     many-th batch.
     """
-    pass_of_core = partial(_on_core, layout=layout)
+    pass_of_core = partial(_equations_of_core, layout=layout)
     found = on_every_core(pass_of_core, takes=SHARED, gives=SHARED)
     return found(parameters, views, detections, frame)
 
 
-def _on_core(
+def _equations_of_core(
     parameters: Array,
     views: BoardPose,
     detections: Detections,
@@ -239,7 +242,7 @@ def _on_core(
     layout: Layout,
 ) -> Equations:
     """The equations, from what this core and the others find."""
-    shared, local = split(parameters, layout)
+    shared, local = split_parameters(parameters, layout)
     guarded, by_coefficient = _behind_guard(shared, layout, frame)
     k, n = layout.shared, layout.shared + layout.local
     count, batch = local.shape[0], gcd(BATCH, detections.view.shape[0])
@@ -280,7 +283,7 @@ def _on_core(
         0, mine, lambda i, sums: add(first + i * cores().size, sums), empty
     )
     sums = _through_guard(summed_over_cores(sums), by_coefficient, layout)
-    return _assembled(sums, layout)
+    return _assembled_equations(sums, layout)
 
 
 def _behind_guard(
@@ -322,7 +325,7 @@ def _guarded_slice(layout: Layout) -> slice:
     return slice(blocks[GUARDED[0]].start, blocks[GUARDED[-1]].stop)
 
 
-def _assembled(sums: _Blocks, layout: Layout) -> Equations:
+def _assembled_equations(sums: _Blocks, layout: Layout) -> Equations:
     """The whole matrix: shared ones first, then each view's."""
     k, local = layout.shared, layout.local
     count = sums.own.shape[1]

@@ -94,7 +94,7 @@ class TermDecision:
     @property
     def reason(self) -> str:
         """One sentence for the report."""
-        change = _signed(self.held_out_change_percent)
+        change = _signed_percent(self.held_out_change_percent)
         scores = f"BIC gain {self.bic_gain:+.3g}, held-out error {change} %"
         if self.override_reason:
             return f"kept: {self.override_reason}; {scores}"
@@ -107,7 +107,7 @@ class TermDecision:
         return f"left out: it does not reduce the held-out error; {scores}"
 
 
-def _signed(percent: float) -> str:
+def _signed_percent(percent: float) -> str:
     """Two significant digits, at most three decimals; 0 for smaller values."""
     whole = 10 <= abs(percent) < 1000
     return f"{percent:+.0f}" if whole else f"{round(percent, 3) + 0.0:+.2g}"

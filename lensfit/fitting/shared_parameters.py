@@ -14,14 +14,14 @@ import cv2
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fitting.chart_view import View, grouped
+from lensfit.fitting.chart_view import View, views_by_state
 from lensfit.fitting.decentring import DecentringTerms, decentring_of
 from lensfit.fitting.entrance_pupil import (
     perspective_at_other_focus,
     perspective_with_pupil_shift,
 )
 from lensfit.fitting.joint_adjustment import pupil_shift_with_shared_errors
-from lensfit.fitting.lens_state import LensState, by_focal_length, fit_state
+from lensfit.fitting.lens_state import LensState, fit_state, states_by_focal_length
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.projection import BaseProjection
 from lensfit.progress import Progress
@@ -42,12 +42,12 @@ def fit_states_with_shared_parameters(
     -------
     The states, in the order of their photographs, and why views failed, by name.
     """
-    groups = grouped(views)
+    groups = views_by_state(views)
     states, failed = _fit_states(groups, progress, _no_priors, all_views=views)
     states = _with_corrected_pupil_shift(states, progress, views)
     shared = {
         focal_mm: _shared_parameters_of(mine)
-        for focal_mm, mine in by_focal_length(states).items()
+        for focal_mm, mine in states_by_focal_length(states).items()
     }
     dependent = [s for s in states if _is_dependent(s, shared[s.focal_length_mm])]
     final = [s for s in states if s not in dependent]
@@ -66,7 +66,7 @@ def fit_states_with_shared_parameters(
     every = [*final, *refitted, *alone]
     used = _take_names(every)
     failed = {n: why for n, why in (failed | failed_again).items() if n not in used}
-    return _in_order(every, views), failed
+    return _states_in_order(every, views), failed
 
 
 class _Priors(NamedTuple):
@@ -87,7 +87,7 @@ def _with_corrected_pupil_shift(
     fitted again if errors common to all its detections distorted the shift of its pupil
     with field angle (`joint_adjustment.pupil_shift_with_shared_errors`)."""
     found = []
-    for mine in by_focal_length(states).values():
+    for mine in states_by_focal_length(states).values():
         source = _state_of_best_known_pupil(mine)
         corrected = pupil_shift_with_shared_errors(source)
         priors = _Priors(
@@ -106,7 +106,7 @@ def _with_corrected_pupil_shift(
         complete = _take_names(refitted) == _take_names([source])
         found += [s for s in mine if not (complete and s is source)]
         found += refitted if complete else []
-    return _in_order(found, views)
+    return _states_in_order(found, views)
 
 
 def _take_names(states: list[LensState]) -> set[str]:
@@ -166,7 +166,7 @@ def _axis_deviation(state: LensState) -> float:
     return float(np.hypot(*state.uncertainty.deviation("principal_point")))
 
 
-def _in_order(states: list[LensState], views: list[View]) -> list[LensState]:
+def _states_in_order(states: list[LensState], views: list[View]) -> list[LensState]:
     """Sorted as their photographs are in `views`."""
     place = {view.name: k for k, view in enumerate(views)}
     return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from lensfit.fitting.adjust import Adjustment
-from lensfit.fitting.chart_view import View, grouped
+from lensfit.fitting.chart_view import View, views_by_state
 from lensfit.fitting.geometry import Frame
 from lensfit.fitting.parameters import Layout, Prior
 from lensfit.fitting.start import (
@@ -142,7 +142,7 @@ def start_of(
         stack=stack,
         frame=frame,
         largest=largest,
-        layout=_with_room(largest, grouped(all_views)),
+        layout=_with_room(largest, views_by_state(all_views)),
         radius_mm=np.array([_dot_radius_mm(view) for view in views]),
         focal_length_free=_views_tilt(poses),
         pupil_shift_free=perspective is not None or _poses_differ(poses),

@@ -173,7 +173,9 @@ class Statements:
         """Residuals in widths, without weights."""
         return self.rows @ parameters - self.wanted
 
-    def reweighted(self, parameters: Float[np.ndarray, " parameters"]) -> "Statements":
+    def with_robust_weights(
+        self, parameters: Float[np.ndarray, " parameters"]
+    ) -> "Statements":
         """With the robust weights of these parameters."""
         scaled = self.residuals(parameters) / CAUCHY_SCALE
         return replace(self, weight=1 / (1 + scaled**2))
@@ -262,10 +264,12 @@ def statements_of(
             1 / focal_width,
             math.log(facts.principal_distance_mm / unit_mm) / focal_width,
         ),
-        _known(_PUPIL, "pupil_offset", known.pupil, unit_mm),
+        _known_statement(_PUPIL, "pupil_offset", known.pupil, unit_mm),
     ]
     if not layout.anamorphic:
-        of_lens.append(_known(_PUPIL_SHIFT, "pupil_shift", known.pupil_shift, unit_mm))
+        of_lens.append(
+            _known_statement(_PUPIL_SHIFT, "pupil_shift", known.pupil_shift, unit_mm)
+        )
     quantities: list[Quantity] = [one.quantity for one in of_lens]
     where = [""] * len(of_lens)
     rows = [np.zeros(size) for _ in of_lens]
@@ -314,7 +318,7 @@ _PUPIL_SHIFT: tuple[Quantity, Quantity] = (
 )
 
 
-def _known(
+def _known_statement(
     usual_or_known: tuple[Quantity, Quantity],
     block: str,
     known: KnownPupil | KnownPupilShift,

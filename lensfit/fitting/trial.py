@@ -104,12 +104,12 @@ class Trial:
         self._always, self._tried = len(always), np.asarray(tried, int)
         parts = (np.asarray(always, int), self._tried)
         self._both, *halves = (
-            _reduced(_with_stated(one, stated), precision, offset, *parts)
+            _reduced_statistics(_with_stated(one, stated), precision, offset, *parts)
             for one in (both, first, second)
         )
-        self._total = _restricted(both, self._both)
+        self._total = _restricted_form(both, self._both)
         self._unseen = [
-            (half, _restricted(other, half))
+            (half, _restricted_form(other, half))
             for half, other in zip(halves, (second, first), strict=True)
         ]
 
@@ -160,7 +160,7 @@ def _factor(square: Float[np.ndarray, "some some"]) -> tuple[np.ndarray, bool]:
     raise ValueError("the detections leave the model undetermined")
 
 
-def _reduced(
+def _reduced_statistics(
     statistics: Statistics,
     precision: np.ndarray,
     offset: np.ndarray,
@@ -187,7 +187,7 @@ def _reduced(
     return _Reduced(origin, turn, _Form(0.0, linear, (square + square.T) / 2))
 
 
-def _restricted(statistics: Statistics, reduced: _Reduced) -> _Form:
+def _restricted_form(statistics: Statistics, reduced: _Reduced) -> _Form:
     """Cost of the solution for one set of detections on another set, without priors."""
     origin, turn = reduced.origin, reduced.turn
     slope = statistics.gradient + statistics.matrix @ origin

@@ -121,7 +121,10 @@ def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertain
         "systematic": np.zeros_like(inside),
     }
     rows = np.flatnonzero(free)
-    parts = {name: _in_place(part, rows, len(free)) for name, part in of_free.items()}
+    parts = {
+        name: _embedded_covariance(part, rows, len(free))
+        for name, part in of_free.items()
+    }
     _add_variance_of_next_pupil_shift_order(parts["systematic"], adjustment)
     _add_variance_of_fixed_pupil_shift(parts["systematic"], adjustment)
     terms = _rows_of(adjustment.layout, _NAMED_TERMS)
@@ -129,7 +132,7 @@ def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertain
     return Uncertainty(parts, adjustment.layout)
 
 
-def _in_place(
+def _embedded_covariance(
     part: Float[np.ndarray, "some some"], rows: Int[np.ndarray, " some"], size: int
 ) -> Float[np.ndarray, "parameters parameters"]:
     """A covariance of some parameters among those of all, the others' zero."""

@@ -59,18 +59,18 @@ def murmur3_32(data: bytes, seed: int = 0) -> int:
     mask, state = 0xFFFFFFFF, seed
     whole = len(data) // 4 * 4
     for at in range(0, whole, 4):
-        state ^= _scrambled(int.from_bytes(data[at : at + 4], "little"))
+        state ^= _scrambled_block(int.from_bytes(data[at : at + 4], "little"))
         state = (state << 13 | state >> 19) & mask
         state = (state * 5 + 0xE6546B64) & mask
     if whole < len(data):
-        state ^= _scrambled(int.from_bytes(data[whole:], "little"))
+        state ^= _scrambled_block(int.from_bytes(data[whole:], "little"))
     state ^= len(data)
     state = ((state ^ state >> 16) * 0x85EBCA6B) & mask
     state = ((state ^ state >> 13) * 0xC2B2AE35) & mask
     return state ^ state >> 16
 
 
-def _scrambled(block: int) -> int:
+def _scrambled_block(block: int) -> int:
     mask = 0xFFFFFFFF
     block = (block * 0xCC9E2D51) & mask
     block = (block << 15 | block >> 17) & mask

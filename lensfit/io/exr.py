@@ -262,7 +262,7 @@ _NEVER_COLOUR = ("A", "a", "Z", "z")
 
 def layer_names(part: ExrPart) -> list[str]:
     """The layers of a part, in the order of its channels; "" is the unnamed one."""
-    return list(dict.fromkeys(_split(name)[0] for name in part.channels))
+    return list(dict.fromkeys(_layer_and_leaf(name)[0] for name in part.channels))
 
 
 def colour_channels(part: ExrPart, layer: str = "") -> tuple[str, ...]:
@@ -293,7 +293,7 @@ def is_vector(part: ExrPart, layer: str) -> bool:
 
 def _leaves(part: ExrPart, layer: str) -> dict[str, str]:
     """Exact names of the channels of a layer, by what follows its name."""
-    split = {name: _split(name) for name in part.channel_names}
+    split = {name: _layer_and_leaf(name) for name in part.channel_names}
     return {leaf: name for name, (own, leaf) in split.items() if own == layer}
 
 
@@ -341,6 +341,6 @@ def with_channels(
     return replace(part, channels=channels)
 
 
-def _split(name: str) -> tuple[str, str]:
+def _layer_and_leaf(name: str) -> tuple[str, str]:
     layer, _, leaf = name.rpartition(".")
     return layer, leaf

@@ -115,15 +115,17 @@ def check_exr(path: str | Path, *, deep: bool = False) -> list[PartHeader]:
         with path.open("rb") as file:
             size = file.seek(0, 2)
             file.seek(0)
-            return _checked(file, size, path, deep)
+            return _checked_headers(file, size, path, deep)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ImageError(f"cannot be read ({reason})", where=path) from error
     except (struct.error, LookupError, ValueError, ArithmeticError) as error:
-        raise _damaged(path, "its header is cut short or malformed") from error
+        raise _damage_error(path, "its header is cut short or malformed") from error
 
 
-def _checked(file: BinaryIO, size: int, path: Path, deep: bool) -> list[PartHeader]:
+def _checked_headers(
+    file: BinaryIO, size: int, path: Path, deep: bool
+) -> list[PartHeader]:
     start = file.read(8)
     if not start:
         raise ImageError("is empty", where=path, remedy="render or copy it again")
@@ -229,13 +231,13 @@ def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
 def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
     window = part.data_window
     if min(window.width, window.height) < 1:
-        raise _damaged(path, f"its data window {tuple(window)} is empty")
+        raise _damage_error(path, f"its data window {tuple(window)} is empty")
     claimed = part.bytes_uncompressed
     if (
         claimed > _ALWAYS_ALLOWED_BYTES + part.largest_ratio * size
         or not 0 < part.chunk_count <= size // 8
     ):
-        raise _damaged(
+        raise _damage_error(
             path,
             f"its header claims {window.width} x {window.height} pixels, which a file "
             f"of {size} bytes cannot hold",
@@ -256,7 +258,7 @@ def _refuse_frame(part: PartHeader, path: Path) -> None:
     """Refuse a display window that is empty, or far larger than what it holds."""
     window, frame = part.data_window, part.display_window
     if min(frame.width, frame.height) < 1:
-        raise _damaged(path, f"its display window {tuple(frame)} is empty")
+        raise _damage_error(path, f"its display window {tuple(frame)} is empty")
     largest = max(_LARGEST_FRAME_PX, _SMALLEST_PART_OF_FRAME * window.area)
     if max(frame.width, frame.height) > _LARGEST_SIDE_PX:
         raise _too_large(path, "display", frame, f"{_LARGEST_SIDE_PX} on a side")
@@ -272,7 +274,7 @@ def _check_chunks(
     count = sum(part.chunk_count for part in parts)
     table = np.frombuffer(file.read(8 * count), "<u8")
     if len(table) < count or table.min() < file.tell() or table.max() > size - 8:
-        raise _damaged(path, "it is truncated or was never finished")
+        raise _damage_error(path, "it is truncated or was never finished")
     owners = np.repeat(np.arange(len(parts)), [part.chunk_count for part in parts])
     last = int(table.argmax())
     for index in range(count):
@@ -285,7 +287,7 @@ def _check_chunks(
         file.seek(start)
         end = _end_of_deep(file, part, path) if part.deep else _end_of_flat(file)
         if not start < end <= size:
-            raise _damaged(path, "it is truncated")
+            raise _damage_error(path, "it is truncated")
 
 
 def _end_of_flat(file: BinaryIO) -> int:
@@ -298,9 +300,9 @@ def _end_of_deep(file: BinaryIO, part: PartHeader, path: Path) -> int:
     samples' unpacked length, which is believed, must be one that they can have."""
     table, samples, unpacked = struct.unpack("<3q", file.read(24))
     if min(table, samples, unpacked) < 0:
-        raise _damaged(path, "a chunk claims less than nothing")
+        raise _damage_error(path, "a chunk claims less than nothing")
     if unpacked > part.largest_ratio * samples:
-        raise _damaged(path, f"a chunk claims {unpacked} bytes of samples")
+        raise _damage_error(path, f"a chunk claims {unpacked} bytes of samples")
     return file.tell() + table + samples
 
 
@@ -314,7 +316,7 @@ def _too_large(path: Path, which: str, window: Window, most: str) -> ImageError:
     )
 
 
-def _damaged(path: Path, reason: str) -> ImageError:
+def _damage_error(path: Path, reason: str) -> ImageError:
     return ImageError(
         f"is damaged: {reason}", where=path, remedy="render or copy it again"
     )

@@ -135,7 +135,7 @@ def views_of(image: ExrImage) -> tuple[View, ...]:
     unstated = _without_views(image)
     eyes = eyes_of_parts(image.parts) if unstated else (None,) * len(image.parts)
     for index, (part, eye) in enumerate(zip(image.parts, eyes, strict=True)):
-        split = _split(index, part)
+        split = _channels_by_view(index, part)
         if unstated:
             split = _split_by_name(index, part, eye)
         if not split:
@@ -167,18 +167,20 @@ def joined_views(
             renamed = {own.names.get(n, n): s for n, s in part.channels.items()}
             part, before = replace(part, channels=renamed), parts[own.index]
             if before is not None:
-                before, part = _over_one_window(before, part)
+                before, part = _on_common_window(before, part)
                 both = {**before.channels, **part.channels}
                 part = replace(part, channels=both)
             parts[own.index] = part
     shared = iter(made[0].parts[len(views[0].own) :])
     whole = [part if part is not None else next(shared) for part in parts]
     return ExrImage(
-        tuple(_listed(a, b) for a, b in zip(whole, image.parts, strict=True))
+        tuple(
+            _with_list_of_views(a, b) for a, b in zip(whole, image.parts, strict=True)
+        )
     )
 
 
-def _listed(part: ExrPart, like: ExrPart) -> ExrPart:
+def _with_list_of_views(part: ExrPart, like: ExrPart) -> ExrPart:
     """The part with the list of views that the file's own has."""
     if _VIEWS not in like.attributes:
         return part
@@ -186,7 +188,7 @@ def _listed(part: ExrPart, like: ExrPart) -> ExrPart:
     return replace(part, attributes=attributes)
 
 
-def _over_one_window(a: ExrPart, b: ExrPart) -> tuple[ExrPart, ExrPart]:
+def _on_common_window(a: ExrPart, b: ExrPart) -> tuple[ExrPart, ExrPart]:
     """Both over the smallest window that holds them."""
     window = a.data_window.joined(b.data_window)
     return _over(a, window), _over(b, window)
@@ -200,7 +202,7 @@ def _over(part: ExrPart, window: Window) -> ExrPart:
     return replace(part, channels=channels, data_window=window)
 
 
-def _split(index: int, part: ExrPart) -> dict[str, _Own]:
+def _channels_by_view(index: int, part: ExrPart) -> dict[str, _Own]:
     """The part by view; nothing where it belongs to all of them."""
     name = part.attributes.get(_VIEW)
     if isinstance(name, str) and name:
@@ -215,7 +217,7 @@ def _split_channels(index: int, part: ExrPart, views: list[str]) -> dict[str, _O
     """A part whose channels name their view, by view."""
     channels: dict[str, dict[str, str]] = {view: {} for view in views}
     for channel in part.channels:
-        view, plain = _named(channel, views)
+        view, plain = _view_and_name(channel, views)
         channels[view][plain] = channel
     kept = {k: v for k, v in part.attributes.items() if k != _VIEWS}
     return {
@@ -246,7 +248,7 @@ def _split_by_name(index: int, part: ExrPart, eye: str | None) -> dict[str, _Own
     return _split_channels(index, part, views) if views else {}
 
 
-def _named(channel: str, views: Sequence[str]) -> tuple[str, str]:
+def _view_and_name(channel: str, views: Sequence[str]) -> tuple[str, str]:
     """View of a channel, and its name without it."""
     view, rest = view_and_rest(channel, views.__contains__)
     return views[0] if view is None else view, rest

@@ -59,11 +59,11 @@ def ceiling_of(pixels: Float[np.ndarray, "height width channels"]) -> float:
 
     The lowest of the channels' ceilings, since one number stands for all.
     """
-    found = [_of_channel(pixels[..., k]) for k in range(pixels.shape[2])]
+    found = [_channel_ceiling(pixels[..., k]) for k in range(pixels.shape[2])]
     return min(found, default=float("inf"))
 
 
-def _of_channel(channel: Float[np.ndarray, "height width"]) -> float:
+def _channel_ceiling(channel: Float[np.ndarray, "height width"]) -> float:
     top = float(np.nanmax(channel, initial=0.0))
     if not 0 < top < np.inf:
         return float("inf")

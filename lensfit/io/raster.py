@@ -124,7 +124,7 @@ def _read_jpeg(data: bytes) -> Raster:
             header = _exif(image)
             layers = getattr(image, "layer", [])
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise _damaged("JPEG", error) from error
+        raise _damage_error("JPEG", error) from error
     sampling = [(layer[1], layer[2]) for layer in layers]
     subsampled = len(sampling) == 3 and any(s != sampling[0] for s in sampling[1:])
     return Raster(_with_channel_axis(codes), "jpeg", subsampled, header)
@@ -136,9 +136,9 @@ def _read_png(data: bytes) -> Raster:
         with silenced_libraries():
             codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise _damaged("PNG", error) from error
+        raise _damage_error("PNG", error) from error
     if codes is None:
-        raise _damaged("PNG", "its pixels cannot be decoded")
+        raise _damage_error("PNG", "its pixels cannot be decoded")
     codes = _with_channel_axis(codes)
     if codes.shape[2] >= 3:
         codes = np.ascontiguousarray(codes[..., 2::-1])
@@ -157,18 +157,18 @@ def _check_png(data: bytes) -> None:
     at, kind = len(_PNG), b""
     while kind != b"IEND":
         if at + 12 > len(data):
-            raise _damaged("PNG", "it is truncated")
+            raise _damage_error("PNG", "it is truncated")
         (length,) = struct.unpack_from(">I", data, at)
         kind, end = data[at + 4 : at + 8], at + 8 + length
         if end + 4 > len(data):
-            raise _damaged("PNG", "it is truncated")
+            raise _damage_error("PNG", "it is truncated")
         (checksum,) = struct.unpack_from(">I", data, end)
         if zlib.crc32(memoryview(data)[at + 4 : end]) != checksum:
-            raise _damaged("PNG", "a checksum is wrong")
+            raise _damage_error("PNG", "a checksum is wrong")
         if kind == b"IHDR":
             width, height, depth = struct.unpack_from(">IIB", data, at + 8)
             if width * height * depth // 8 > _LARGEST_PNG_RATIO * len(data) + 4096:
-                raise _damaged("PNG", f"it cannot hold {width} x {height} pixels")
+                raise _damage_error("PNG", f"it cannot hold {width} x {height} pixels")
             channels = _PNG_CHANNELS.get(data[at + 17], 1)
             samples = width * height * channels
             refuse_beyond_memory(RASTER_BYTES_PER_SAMPLE * samples)
@@ -184,7 +184,7 @@ def _read_tiff(data: bytes) -> Raster:
     except ImageError:
         raise
     except Exception as error:  # tifffile's decoders raise whatever broke in them
-        raise _damaged("TIFF", error) from error
+        raise _damage_error("TIFF", error) from error
     if codes.dtype in (np.float16, np.float64):
         codes = codes.astype(np.float32)
     if codes.dtype not in (np.uint8, np.uint16, np.float32):
@@ -208,7 +208,9 @@ def _tiff_codes(page, data: bytes) -> np.ndarray:
         )
     refuse_beyond_memory(RASTER_BYTES_PER_SAMPLE * int(page.size))
     if page.size * page.dtype.itemsize > 1100 * len(data) + 4096:
-        raise _damaged("TIFF", f"it cannot hold {page.imagewidth} x {page.imagelength}")
+        raise _damage_error(
+            "TIFF", f"it cannot hold {page.imagewidth} x {page.imagelength}"
+        )
     try:
         codes = page.asarray()
     except (ValueError, KeyError) as error:
@@ -229,7 +231,7 @@ def _tiff_by_opencv(data: bytes) -> np.ndarray:
     with silenced_libraries():
         codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if codes is None:
-        raise _damaged("TIFF", "its pixels cannot be decoded")
+        raise _damage_error("TIFF", "its pixels cannot be decoded")
     return codes if codes.ndim == 2 else codes[..., 2::-1]
 
 
@@ -270,7 +272,7 @@ def _unknown_colours(kind: str) -> ImageError:
     return ImageError(f"has {kind} colours", remedy="save it as grey or RGB")
 
 
-def _damaged(kind: str, reason: object) -> ImageError:
+def _damage_error(kind: str, reason: object) -> ImageError:
     text = " ".join(str(reason).split())[:120]
     return ImageError(
         f"is a damaged {kind} file ({text})", remedy="copy it again from the camera"

@@ -83,7 +83,9 @@ def parse_frames(text: str) -> list[int]:
         step = int(match[4] or 1)
         if step == 0 or abs(last - first) > _MOST_FRAMES:
             raise _bad_range(text)
-        numbers.update(dict.fromkeys(_stepped(first, last, match[3] or "x", step)))
+        numbers.update(
+            dict.fromkeys(_stepped_frames(first, last, match[3] or "x", step))
+        )
     return list(numbers)
 
 
@@ -98,7 +100,7 @@ def split_pattern(pattern: str | Path) -> tuple[Path, str | None]:
     return path.with_name(name), match[1]
 
 
-def _stepped(first: int, last: int, how: str, step: int) -> list[int]:
+def _stepped_frames(first: int, last: int, how: str, step: int) -> list[int]:
     """A run of frames: every `step`-th, all others, or in ever finer steps."""
     way = 1 if last >= first else -1
     run = list(range(first, last + way, way))
@@ -158,10 +160,10 @@ def is_in_frames(text: str, number: int) -> bool:
     ------
     ImageError : The text is no range.
     """
-    return any(_in_item(item, text, number) for item in text.split(","))
+    return any(_item_contains(item, text, number) for item in text.split(","))
 
 
-def _in_item(item: str, text: str, number: int) -> bool:
+def _item_contains(item: str, text: str, number: int) -> bool:
     match = _RANGE.fullmatch(item.strip()) if len(item) < 100 else None
     if match is None or int(match[4] or 1) == 0:
         raise _bad_range(text)

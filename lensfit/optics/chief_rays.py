@@ -18,8 +18,8 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift, LateralColour
 from lensfit.optics.many_points import (
-    displaced,
     displaced_back,
+    displaced_positions_mm,
     distort,
     illuminate,
     lateral_deviations_mm,
@@ -85,7 +85,7 @@ class AbstractChiefRays(eqx.Module):
         points = points_of(object_points_mm, 3)
         pupil = self.entrance_pupil_offset_mm
         landed = project(points, pupil, self.distortion, self.pupil_shift)
-        return displaced(landed, self.distortion, self._shift(channel))
+        return displaced_positions_mm(landed, self.distortion, self._shift(channel))
 
     def distorted_from_undistorted(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -93,7 +93,7 @@ class AbstractChiefRays(eqx.Module):
         """Where points of the undistorted picture land on the photograph."""
         points = points_of(points_mm, 2)
         landed = distort(points, self.distortion)
-        return displaced(landed, self.distortion, self._shift(channel))
+        return displaced_positions_mm(landed, self.distortion, self._shift(channel))
 
     def undistorted_from_distorted(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -158,7 +158,7 @@ class AbstractChiefRays(eqx.Module):
         def deviations(points: np.ndarray) -> np.ndarray:
             return position_deviations_mm(points, lens, known, frame)
 
-        green = _of_some(deviations, points)
+        green = _deviations_of_some(deviations, points)
         if channel == "g":
             return green
         landed = self.distorted_from_undistorted(points)
@@ -227,7 +227,7 @@ class AbstractChiefRays(eqx.Module):
             given = self.distortion, shift, jnp.asarray(covariance)
             return in_batches(lambda p: lateral_deviations_mm(p, *given), points)
 
-        return _of_some(deviations, points)
+        return _deviations_of_some(deviations, points)
 
     def illumination_standard_deviation(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -261,7 +261,7 @@ class AbstractChiefRays(eqx.Module):
             )
             return in_batches(lambda p: light_deviations(p, *given), points)
 
-        return _of_some(deviations, points)
+        return _deviations_of_some(deviations, points)
 
     def _shift(self, channel: str) -> ChannelShift | None:
         index = channel_index(channel)
@@ -295,7 +295,7 @@ def channel_index(channel: str) -> int:
     return _CHANNELS.index(channel)
 
 
-def _of_some(
+def _deviations_of_some(
     deviations: Callable[[np.ndarray], np.ndarray], points: np.ndarray
 ) -> np.ndarray:
     """Of no points there are none; batches need one."""

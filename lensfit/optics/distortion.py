@@ -65,7 +65,7 @@ def log_slope(
     valid_squared_radius: Float[Array, ""],
 ) -> Float[Array, "*nodes"]:
     """P(s): the logarithm of d r'/d r at squared radius s."""
-    s = _bounded(squared_radius, valid_squared_radius)
+    s = _bounded_square(squared_radius, valid_squared_radius)
     total = jnp.zeros_like(s)
     for k in range(coefficients.shape[0] - 1, -1, -1):
         total = (total + coefficients[k]) * s
@@ -95,7 +95,7 @@ def _magnification_derivative(primals, tangents):
     nodes, curved, node_slope = _nodes(s, valid)
     bounded, bounded_slope = jax.vmap(
         lambda node: jax.jvp(
-            lambda v: _bounded(v, valid), (node,), (jnp.ones_like(node),)
+            lambda v: _bounded_square(v, valid), (node,), (jnp.ones_like(node),)
         )
     )(nodes)
     terms = coefficients.shape[0]
@@ -179,7 +179,7 @@ def undistorted_radius(
     return jnp.where(off <= _ACCEPTED * distorted_radius, r, jnp.nan)
 
 
-def _bounded(s: Array, valid: Array) -> Array:
+def _bounded_square(s: Array, valid: Array) -> Array:
     """s up to the valid squared radius, then levelling off; twice differentiable.
 
     Beyond it the slope is (1 - u^2)^2, with u running from 0 to 1 at the ceiling.

@@ -136,15 +136,17 @@ def displacement(
     degree : Total degree of the free field.
     """
     guard = fold_guard(named, free, box, degree)
-    return _unguarded(degree, q, named, free, box) * guard
+    return _unguarded_displacement(degree, q, named, free, box) * guard
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _unguarded(degree: int, q: Array, named: Array, free: Array, box: Array) -> Array:
+def _unguarded_displacement(
+    degree: int, q: Array, named: Array, free: Array, box: Array
+) -> Array:
     return with_basis(degree, q, named, free, box)[0]
 
 
-@_unguarded.defjvp
+@_unguarded_displacement.defjvp
 def _unguarded_derivative(degree, primals, tangents):
     """Linear in the coefficients; along q by one 2 x 2 matrix for all tangents."""
     q, named, free, box = primals

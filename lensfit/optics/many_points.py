@@ -22,7 +22,7 @@ from lensfit.optics.lateral import (
 from lensfit.optics.projection import PupilShift, equivalent_chart_point
 
 
-def displaced(
+def displaced_positions_mm(
     green_mm: Float[Array, "points 2"],
     distortion: Distortion,
     shift: ChannelShift | None,
@@ -40,7 +40,7 @@ def displaced_back(
     distortion: Distortion,
     shift: ChannelShift | None,
 ) -> Float[Array, "points 2"]:
-    """Inverse of `displaced`."""
+    """Inverse of `displaced_positions_mm`."""
     if shift is None:
         return points_mm
     centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm

@@ -110,7 +110,7 @@ class Transmission(eqx.Module):
     filters: tuple[Float[Array, "3 side side"], ...] = ()
 
 
-def transmitted(
+def transmitted_light(
     place: Float[Array, "rays 2"],
     edge: Float[Array, " rays"],
     channel: Int[Array, ""],

@@ -200,7 +200,7 @@ def wavefront_slopes(
 
 
 @lru_cache(maxsize=32)
-def _by_mode(modes: tuple[Mode, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _orders_and_polynomials(modes: tuple[Mode, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Azimuthal order of each mode, and its polynomial in P, (modes, powers)."""
     orders = np.array([m.order for m in modes], int)
     table = _table(modes)
@@ -214,7 +214,7 @@ def mode_gradients(
 
     Of many rays at a time: with their axes last the processor goes along them.
     """
-    orders, powers = _by_mode(modes)
+    orders, powers = _orders_and_polynomials(modes)
 
     def of_modes(numbers: np.ndarray) -> Array:
         """Constants, to go with rays."""

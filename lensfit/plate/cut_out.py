@@ -76,7 +76,7 @@ def rest_of_plate(
     source, _ = nearest_pixels(free, touched)
     there, own, beside = depth_mm[touched], own_mm[touched], depth_mm.ravel()[source]
     is_own = np.abs(1 / there - 1 / own) <= np.abs(1 / there - 1 / beside)
-    alike = _of_alike(depth_mm, free, left.ids[0])
+    alike = _depth_of_same_object_mm(depth_mm, free, left.ids[0])
     guess = np.where(is_own, beside, there)
     rest_mm[touched] = np.where(np.isnan(alike), guess, alike)
     filled = left.ids[0][touched] == 0
@@ -104,7 +104,7 @@ def _without(
     return left
 
 
-def _of_alike(
+def _depth_of_same_object_mm(
     depth_mm: Plane,
     free: Bool[np.ndarray, "height width"],
     first: UInt32[np.ndarray, "height width"],
@@ -115,7 +115,7 @@ def _of_alike(
     wanted = first[rows, columns]
     found = np.full(len(rows), np.nan, np.float32)
     side = range(-_NEAR_PX, _NEAR_PX + 1)
-    for dy, dx in sorted(((y, x) for y in side for x in side), key=_squared):
+    for dy, dx in sorted(((y, x) for y in side for x in side), key=_squared_length):
         y = np.clip(rows + dy, 0, free.shape[0] - 1)
         x = np.clip(columns + dx, 0, free.shape[1] - 1)
         lends = np.isnan(found) & free[y, x] & (first[y, x] == wanted) & (wanted != 0)
@@ -123,7 +123,7 @@ def _of_alike(
     return found
 
 
-def _squared(offset: tuple[int, int]) -> int:
+def _squared_length(offset: tuple[int, int]) -> int:
     return offset[0] ** 2 + offset[1] ** 2
 
 
@@ -228,7 +228,9 @@ class CutOut:
         if touched.any() and free.any():
             behind = _behind(pixels, free, touched)
             own, c = self._own(pixels, behind), self.coverage[touched][:, None]
-            own, behind = _parted(pixels[touched], c, own, behind[touched])
+            own, behind = _foreground_and_background(
+                pixels[touched], c, own, behind[touched]
+            )
             rest[touched] = behind
             layer[0, touched, :3] = own[:, :3]
             layer[0, touched, 3:] = own[:, 3:] if own.shape[1] == 4 else c
@@ -272,7 +274,7 @@ def _thin_colour(pixels: Picture, behind: Picture, coverage: Plane) -> Picture:
     return np.maximum(colour, 0)
 
 
-def _parted(
+def _foreground_and_background(
     pixel: Float32[np.ndarray, "n channels"],
     c: Float32[np.ndarray, "n 1"],
     own: Float32[np.ndarray, "n channels"],

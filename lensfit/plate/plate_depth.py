@@ -331,7 +331,7 @@ def picked_depth_mm(
         )
     region = picked_region(pick, beside.display_window)
     meaning, notes = depth_meaning(image, found, options)
-    samples = depth_over_window(_cut(found, region), found.name, region)
+    samples = depth_over_window(_part_of_region(found, region), found.name, region)
     slant = 1.0
     if meaning.kind == "ray":
         slant = ray_slant(geometry.mm(region.pixel_centres()), focal_length_mm)
@@ -344,7 +344,7 @@ def picked_depth_mm(
     return float(np.median(valid)), notes
 
 
-def _cut(found: FoundDepth, region: Window) -> ExrPart:
+def _part_of_region(found: FoundDepth, region: Window) -> ExrPart:
     """The part as far as the region needs it, with its depth alone."""
     own = found.part.data_window
     low = np.maximum(region[:2], own[:2])

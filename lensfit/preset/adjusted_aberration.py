@@ -169,7 +169,7 @@ def _adjusted_focal_surfaces(
     astigmatism = {t: um for t, um in terms.items() if _is_astigmatism(t)}
     if not curved.is_neutral:
         off_axis = {t: um for t, um in focus.items() if t != FOCUS_ON_AXIS}
-        off_axis[FOCUS_ON_AXIS] = -_on_axis(off_axis)
+        off_axis[FOCUS_ON_AXIS] = -_focus_terms_on_axis(off_axis)
         seed = {_CURVATURE: _ONE, FOCUS_ON_AXIS: _ONE}
         _add(focus, scaled_terms(off_axis, curved, seed, edge))
         _add(focus, {t: -um for t, um in off_axis.items()})
@@ -216,7 +216,7 @@ def _as_focus(term: Term, um: np.ndarray) -> Terms:
     return {Term(2, 0, d, 0): c * um for d, c in zip(degrees, shares, strict=True)}
 
 
-def _on_axis(focus: Terms) -> np.ndarray:
+def _focus_terms_on_axis(focus: Terms) -> np.ndarray:
     """What terms of focus are worth on the axis, in the same three numbers."""
     own = [
         um * radial_polynomial(t.field_degree, 0)[0]
@@ -235,7 +235,7 @@ def _adjusted_axial_colour(terms: Terms, bands: Bands, scale: Scale) -> Terms:
     if scale.um is not None:
         w = np.asarray(jnp.mean(chromatic_coordinate(bands.wavelengths_nm), 1))
         w = w[[2, 0]]
-        size = np.stack([w, w * w], 1) @ _on_axis(focus)[1:]
+        size = np.stack([w, w * w], 1) @ _focus_terms_on_axis(focus)[1:]
         if np.abs(size).max() < _NOTHING_UM:
             _add(focus, {FOCUS_ON_AXIS: np.array([0.0, 1.0, 0.0])})
             size = w

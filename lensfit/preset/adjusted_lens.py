@@ -70,7 +70,9 @@ def adjusted_distortion(
     """
     g = knobs.distortion_gain
     if knobs.distortion_percent is not None:
-        distortion = _stated(distortion, edge_mm, knobs.distortion_percent / 100)
+        distortion = _with_edge_distortion(
+            distortion, edge_mm, knobs.distortion_percent / 100
+        )
     if g == 1:
         return distortion
     return replace(
@@ -81,7 +83,9 @@ def adjusted_distortion(
     )
 
 
-def _stated(distortion: Distortion, edge_mm: float, relative: float) -> Distortion:
+def _with_edge_distortion(
+    distortion: Distortion, edge_mm: float, relative: float
+) -> Distortion:
     """With radial distortion of this much at the edge: the measured one multiplied, or
     third order alone where there is none, or no multiple of it does."""
     from scipy.optimize import brentq

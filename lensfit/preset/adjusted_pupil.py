@@ -178,7 +178,7 @@ def filter_at_all_sizes(path: str) -> tuple[Float[jnp.ndarray, "3 side side"], .
     before = [(side - n) // 2 for n in colours.shape[:2]]
     pads = [(b, side - n - b) for b, n in zip(before, colours.shape[:2], strict=True)]
     square = np.pad(colours, (*pads, (0, 0)))
-    if not (_in_circle(square) > 0).all():
+    if not (_light_in_circle(square) > 0).all():
         raise ImageError(
             "lets no light through as a filter",
             where=path,
@@ -193,7 +193,9 @@ def filter_at_all_sizes(path: str) -> tuple[Float[jnp.ndarray, "3 side side"], .
     return tuple(each)
 
 
-def _in_circle(square: Float[np.ndarray, "side side 3"]) -> Float[np.ndarray, "3"]:
+def _light_in_circle(
+    square: Float[np.ndarray, "side side 3"],
+) -> Float[np.ndarray, "3"]:
     """Light of each channel inside the inscribed circle."""
     t = (np.arange(len(square)) + 0.5) / len(square) * 2 - 1
     return square[t**2 + t[:, None] ** 2 <= 1].sum(0)

@@ -68,7 +68,7 @@ def adjusted_illumination(
     edge_mm : Edge of the field, from the principal point.
     rims : Its pupil with adjusted rims; None if they are as measured.
     """
-    stated = _stated(knobs)
+    stated = _stated_vignetting(knobs)
     if rims is None and stated == _NEUTRAL:
         return lens.illumination
     known = lens.illumination
@@ -78,7 +78,9 @@ def adjusted_illumination(
     natural = _natural(lens, np.sqrt(share) * valid_mm)
     before, after = (_optical(lens, p, valid_mm, natural) for p in (None, rims))
     edge = min(edge_mm / valid_mm, 1.0) ** 2
-    each = [_parted(loss_of(c), natural, before) for c in np.asarray(known.control)]
+    each = [
+        _parts_of_loss(loss_of(c), natural, before) for c in np.asarray(known.control)
+    ]
     shapes = Parts(natural, np.maximum(after, 0), each[_GREEN].mechanical)
     control = []
     for measured, parts in zip(np.asarray(known.control), each, strict=True):
@@ -97,7 +99,9 @@ def photographed_parts(lens: Lens) -> tuple[bool, bool, bool]:
     valid_mm = float(known.valid_radius_mm)
     natural = _natural(lens, np.sqrt(squared_radii()) * valid_mm)
     optical = _optical(lens, None, valid_mm, natural)
-    each = [_parted(loss_of(c), natural, optical) for c in np.asarray(known.control)]
+    each = [
+        _parts_of_loss(loss_of(c), natural, optical) for c in np.asarray(known.control)
+    ]
     first, second, third = (max(p.max() for p in of) for of in zip(*each, strict=True))
     return first > _NOTHING, second > _NOTHING, third > _NOTHING
 
@@ -110,7 +114,7 @@ class _Stated(NamedTuple):
 _NEUTRAL = _Stated((1.0, 1.0, 1.0), (None, None, None))
 
 
-def _stated(knobs: AberrationKnobs) -> _Stated:
+def _stated_vignetting(knobs: AberrationKnobs) -> _Stated:
     return _Stated(
         (
             knobs.natural_vignetting_gain,
@@ -125,7 +129,7 @@ def _stated(knobs: AberrationKnobs) -> _Stated:
     )
 
 
-def _parted(loss: Loss, natural: Loss, optical: Loss) -> Parts:
+def _parts_of_loss(loss: Loss, natural: Loss, optical: Loss) -> Parts:
     first = np.minimum(natural, loss)
     second = np.clip(optical, 0, loss - first)
     return Parts(first, second, loss - first - second)

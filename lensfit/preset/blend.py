@@ -54,19 +54,21 @@ from lensfit.preset.photographed_stops import blended_stops
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 
 
-def blended(first: float, second: float, weight: float) -> float:
+def interpolated_number(first: float, second: float, weight: float) -> float:
     """`first` at weight 0, `second` at weight 1, linear between."""
     return (1 - weight) * first + weight * second
 
 
 def blended_ratio(first: float, second: float, weight: float) -> float:
     """Linear in the logarithm."""
-    return math.exp(blended(math.log(first), math.log(second), weight))
+    return math.exp(interpolated_number(math.log(first), math.log(second), weight))
 
 
 def blended_distance_mm(first: float, second: float, weight: float) -> float:
     """Linear in dioptres; either may be infinite."""
-    dioptres = blended(dioptres_from_mm(first), dioptres_from_mm(second), weight)
+    dioptres = interpolated_number(
+        dioptres_from_mm(first), dioptres_from_mm(second), weight
+    )
     return MILLIMETRES_PER_METRE / dioptres if dioptres else math.inf
 
 
@@ -86,7 +88,7 @@ _TOO_WIDE = (3.0, 0.0)
 def blended_blur(first: Blur, second: Blur, weight: float) -> Blur:
     """`first` at weight 0, `second` at weight 1, smooth between."""
     linear = {
-        name: blended(getattr(first, name), getattr(second, name), weight)
+        name: interpolated_number(getattr(first, name), getattr(second, name), weight)
         for name in _LINEAR
     }
     return msgspec.structs.replace(
@@ -109,7 +111,7 @@ def _beyond(first: Blur, second: Blur, weight: float) -> float | None:
     if found == [None, None]:
         return None
     low, high = (offset or 0.0 for offset in found)
-    return blended(low, high, weight)
+    return interpolated_number(low, high, weight)
 
 
 def _terms(
@@ -132,7 +134,7 @@ def _term(
 ) -> AberrationTerm:
     return msgspec.structs.replace(
         first,
-        um=blended(first.um, second.um, weight),
+        um=interpolated_number(first.um, second.um, weight),
         um_by_colour=_each(first.um_by_colour, second.um_by_colour, weight),
     )
 
@@ -141,8 +143,12 @@ def _pupil(first: Pupil, second: Pupil, weight: float) -> Pupil:
     nearer = first if weight < 0.5 else second
     turn, bend = nearer.blade_rotation_rad, nearer.blade_curvature
     if first.blades == second.blades:
-        turn = blended(first.blade_rotation_rad, second.blade_rotation_rad, weight)
-        bend = blended(first.blade_curvature, second.blade_curvature, weight)
+        turn = interpolated_number(
+            first.blade_rotation_rad, second.blade_rotation_rad, weight
+        )
+        bend = interpolated_number(
+            first.blade_curvature, second.blade_curvature, weight
+        )
     return Pupil(
         rims=tuple(
             _rim(a or _too_wide(b), b or _too_wide(a), weight)
@@ -170,7 +176,9 @@ def _rim(first: Rim, second: Rim, weight: float) -> Rim:
 
 
 def _pair(first: Pair, second: Pair, weight: float) -> Pair:
-    return blended(first[0], second[0], weight), blended(first[1], second[1], weight)
+    return interpolated_number(first[0], second[0], weight), interpolated_number(
+        first[1], second[1], weight
+    )
 
 
 def _each(
@@ -178,7 +186,7 @@ def _each(
 ) -> tuple[float, ...]:
     """Of lists whose missing numbers are zero."""
     pairs = zip_longest(first, second, fillvalue=0.0)
-    return tuple(blended(a, b, weight) for a, b in pairs)
+    return tuple(interpolated_number(a, b, weight) for a, b in pairs)
 
 
 Block = TypeVar("Block", bound=msgspec.Struct)
@@ -212,7 +220,7 @@ def blend(first: Block, second: Block, weight: float) -> Block:
     if isinstance(first, Distortion) and isinstance(second, Distortion):
         changes |= _squeeze(first, second, weight)
         if first.field or second.field:
-            _agreed("valid_box", first.valid_box, second.valid_box)
+            _common_value("valid_box", first.valid_box, second.valid_box)
     return msgspec.structs.replace(first, **changes)
 
 
@@ -222,7 +230,7 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
     if name in _FROM_THE_NEARER:
         return first if weight < 0.5 else second
     if name in _MUST_AGREE:
-        return _agreed(name, first, second)
+        return _common_value(name, first, second)
     if name in _LARGER:
         return max(first, second)
     if first is None and second is None:
@@ -237,12 +245,16 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
         return first or second  # blur that was not measured is not zero
     if first is None or second is None:
         # Every number of an optional block is a coefficient that is zero without it.
-        return _scaled(second, weight) if first is None else _scaled(first, 1 - weight)
+        return (
+            _scaled_numbers(second, weight)
+            if first is None
+            else _scaled_numbers(first, 1 - weight)
+        )
     if isinstance(first, msgspec.Struct):
         return blend(first, second, weight)
     if name == "fall_off" and len(first) != len(second):
         # Fall-off that was not measured is not zero.
-        return tuple(_of_unknown_deviation(one) for one in first or second)
+        return tuple(_without_deviations(one) for one in first or second)
     if isinstance(first, tuple):
         empty = None if first and isinstance(first[0], msgspec.Struct) else 0.0
         pairs = zip_longest(first, second, fillvalue=empty)
@@ -250,7 +262,7 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
     return (1 - weight) * first + weight * second
 
 
-def _agreed(name: str, first: Any, second: Any) -> Any:
+def _common_value(name: str, first: Any, second: Any) -> Any:
     if first != second:
         raise PresetError(
             f"neighbouring entries differ in {name} ({first} and {second}) and cannot "
@@ -266,21 +278,21 @@ def _focus(first: float | None, second: float | None, weight: float) -> float | 
     return blended_distance_mm(first, second, weight)
 
 
-def _scaled(value: Any, factor: float) -> Any:
+def _scaled_numbers(value: Any, factor: float) -> Any:
     """`value` with every number but the definition of its terms multiplied."""
     if isinstance(value, msgspec.Struct):
         changes = {
-            name: _scaled(getattr(value, name), factor)
+            name: _scaled_numbers(getattr(value, name), factor)
             for name in value.__struct_fields__
             if name not in _MUST_AGREE | _PHOTOGRAPHED | _LARGER | _UNKNOWN_BETWEEN
         }
-        return msgspec.structs.replace(_of_unknown_deviation(value), **changes)
+        return msgspec.structs.replace(_without_deviations(value), **changes)
     if isinstance(value, tuple):
-        return tuple(_scaled(item, factor) for item in value)
+        return tuple(_scaled_numbers(item, factor) for item in value)
     return value * factor
 
 
-def _of_unknown_deviation(block: Block) -> Block:
+def _without_deviations(block: Block) -> Block:
     changes = {n: None for n in block.__struct_fields__ if n in _UNKNOWN_BETWEEN}
     return msgspec.structs.replace(block, **changes)
 
@@ -324,8 +336,8 @@ def _with(block: FallOff, radius_mm: float, degree: int) -> FallOff:
 
     def change(control: Control) -> Control:
         if fraction > 1.0:
-            return _followed(control, fraction, degree)
-        return _raised(_shortened(control, fraction), degree)
+            return _extended_control(control, fraction, degree)
+        return _control_of_degree(_control_of_fraction(control, fraction), degree)
 
     return msgspec.structs.replace(
         block,
@@ -336,7 +348,7 @@ def _with(block: FallOff, radius_mm: float, degree: int) -> FallOff:
     )
 
 
-def _followed(control: Control, fraction: float, degree: int) -> Control:
+def _extended_control(control: Control, fraction: float, degree: int) -> Control:
     """Of the function over [0, fraction], where it is a straight line from 1 on."""
     nodes, inverse = _through_values(degree)
     loss = continued_bernstein(fraction * nodes, len(control)) @ np.array(control)
@@ -353,7 +365,7 @@ def _through_values(
     return nodes, np.linalg.inv(bernstein(nodes, degree))
 
 
-def _shortened(control: Control, fraction: float) -> Control:
+def _control_of_fraction(control: Control, fraction: float) -> Control:
     """The same polynomial with [0, fraction] as its unit interval (de Casteljau)."""
     if fraction == 1.0:
         return control
@@ -365,7 +377,7 @@ def _shortened(control: Control, fraction: float) -> Control:
     return tuple(left[1:])
 
 
-def _raised(control: Control, degree: int) -> Control:
+def _control_of_degree(control: Control, degree: int) -> Control:
     """The same polynomial with the control values of a higher degree."""
     low = [0.0, *control]
     n, up = len(control), degree - len(control)

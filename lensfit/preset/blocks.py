@@ -54,7 +54,7 @@ class Covariance(Struct, frozen=True, forbid_unknown_fields=True):
             tuple(tuple(row[: i + 1].tolist()) for i, row in enumerate(correlation)),
         )
 
-    def in_order(self, names: Sequence[str]) -> Float[np.ndarray, "names names"]:
+    def ordered_as(self, names: Sequence[str]) -> Float[np.ndarray, "names names"]:
         """The covariance matrix of these; zero for those that are not among them."""
         rows = [k for k, name in enumerate(self.parameters) if name in names]
         places = [names.index(self.parameters[k]) for k in rows]
@@ -79,15 +79,15 @@ def lateral_names(radial_terms: int) -> list[str]:
     """Names of the numbers of a channel's displacement, in the order of
     `lensfit.optics.lateral.displacement_basis`."""
     sizes = {"shift_mm": 2, "strain": 2, "decentering": 2, "radial": radial_terms}
-    return numbered(sizes)
+    return member_names(sizes)
 
 
 def fall_off_names(channel: str, terms: int) -> list[str]:
     """Names of the control values of a channel."""
-    return numbered({channel: terms})
+    return member_names({channel: terms})
 
 
-def numbered(sizes: dict[str, int]) -> list[str]:
+def member_names(sizes: dict[str, int]) -> list[str]:
     """Names of the members of lists: "radial[0]", "radial[1]", ..."""
     return [f"{name}[{k}]" for name, size in sizes.items() for k in range(size)]
 

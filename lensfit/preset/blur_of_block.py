@@ -57,7 +57,9 @@ def with_moves(blur: blocks.Blur, moves: Mapping[str, float]) -> blocks.Blur:
     ------
     ValueError : A number leaves the range it may have.
     """
-    moved = _mapped(_tables(blur), "", lambda name, v: v + float(moves.get(name, 0.0)))
+    moved = _mapped_numbers(
+        _tables(blur), "", lambda name, v: v + float(moves.get(name, 0.0))
+    )
     try:
         found = msgspec.convert(moved, blocks.Blur)
     except msgspec.ValidationError as error:
@@ -77,10 +79,14 @@ def _numbers(value: Any, name: str) -> Iterator[tuple[str, float]]:
             yield from _numbers(item, inner)
 
 
-def _mapped(value: Any, name: str, change: Callable[[str, float], float]) -> Any:
+def _mapped_numbers(
+    value: Any, name: str, change: Callable[[str, float], float]
+) -> Any:
     if isinstance(value, float):
         return change(name, value)
-    items = [_mapped(item, inner, change) for inner, item in _inside(value, name)]
+    items = [
+        _mapped_numbers(item, inner, change) for inner, item in _inside(value, name)
+    ]
     if isinstance(value, dict):
         return dict(zip(value, items, strict=True))
     return items if isinstance(value, (list, tuple)) else value

@@ -93,7 +93,7 @@ def active_knobs(knobs: Knobs) -> dict[str, Value]:
 
 def knob_entries(attributes: Mapping[str, object]) -> list[tuple[str, str, object]]:
     """Entries of a header that state a knob: entry, name and value, in its order."""
-    return [entry for entry in _named(attributes) if entry[1] in GROUP_OF]
+    return [entry for entry in _knob_entries(attributes) if entry[1] in GROUP_OF]
 
 
 def misspelt_knob_notes(attributes: Mapping[str, object]) -> tuple[str, ...]:
@@ -103,7 +103,7 @@ def misspelt_knob_notes(attributes: Mapping[str, object]) -> tuple[str, ...]:
     prefix, so that an unknown one is no error.
     """
     slips = []
-    for name in dict.fromkeys(name for _, name, _ in _named(attributes)):
+    for name in dict.fromkeys(name for _, name, _ in _knob_entries(attributes)):
         close = difflib.get_close_matches(name.lower(), GROUP_OF, n=1, cutoff=0.75)
         if name not in GROUP_OF and close:
             slips.append(
@@ -113,7 +113,7 @@ def misspelt_knob_notes(attributes: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(slips)
 
 
-def _named(attributes: Mapping[str, object]) -> list[tuple[str, str, object]]:
+def _knob_entries(attributes: Mapping[str, object]) -> list[tuple[str, str, object]]:
     """Entries with the prefix of knobs: whole, what follows the prefix, and value."""
     found = []
     for key, value in attributes.items():

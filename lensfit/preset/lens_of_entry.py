@@ -37,7 +37,7 @@ from lensfit.preset.blocks import (
     Covariance,
     fall_off_names,
     lateral_names,
-    numbered,
+    member_names,
 )
 from lensfit.preset.blur_of_block import lens_blur, with_moves
 from lensfit.preset.entry import Entry
@@ -187,9 +187,9 @@ def _optics_of(p: blocks.Projection, d: blocks.Distortion) -> Distortion:
     free = [d.field.x, d.field.y] if d.field else [(), ()]
     named = np.concatenate(
         [
-            _padded(d.decentering, field.DECENTERING_TERMS),
-            _padded(d.thin_prism, field.PRISM_TERMS),
-            _padded(d.anamorphic, field.ANAMORPHIC_TERMS),
+            _padded_with_zeros(d.decentering, field.DECENTERING_TERMS),
+            _padded_with_zeros(d.thin_prism, field.PRISM_TERMS),
+            _padded_with_zeros(d.anamorphic, field.ANAMORPHIC_TERMS),
         ]
     )
     return Distortion(
@@ -227,8 +227,8 @@ def _lateral_of(
             _numbers(block.radial),
             _numbers(block.shift_mm),
             _number(block.valid_radius),
-            _numbers(_padded(block.strain, 2)),
-            _numbers(_padded(block.decentering, 2)),
+            _numbers(_padded_with_zeros(block.strain, 2)),
+            _numbers(_padded_with_zeros(block.decentering, 2)),
         )
 
     return shift(colour.r), shift(colour.b)
@@ -250,7 +250,7 @@ def _numbers(values):
     return jnp.asarray(np.asarray(values, float))
 
 
-def _padded(values: tuple[float, ...], length: int) -> np.ndarray:
+def _padded_with_zeros(values: tuple[float, ...], length: int) -> np.ndarray:
     return np.concatenate([values, np.zeros(length - len(values))])
 
 
@@ -283,61 +283,65 @@ def map_covariances(entry: Entry, distortion: Distortion) -> MapCovariances:
     red = blue = fall_off = None
     if lateral is not None and lateral.covariance is not None:
         radius_mm = entry.distortion.reference_radius_mm
-        red = _of_channel(lateral.r, lateral.covariance.r, radius_mm)
-        blue = _of_channel(lateral.b, lateral.covariance.b, radius_mm)
+        red = _channel_covariance(lateral.r, lateral.covariance.r, radius_mm)
+        blue = _channel_covariance(lateral.b, lateral.covariance.b, radius_mm)
     if light and light[0].covariance is not None:
-        fall_off = _of_fall_off(light[0], light[0].covariance)
+        fall_off = _fall_off_covariance(light[0], light[0].covariance)
     return MapCovariances(
-        distortion=_of_distortion(entry.covariance, distortion),
-        perspective=_of_perspective(entry.covariance, distortion),
+        distortion=_distortion_covariance(entry.covariance, distortion),
+        perspective=_perspective_covariance(entry.covariance, distortion),
         red=red,
         blue=blue,
         fall_off=fall_off,
     )
 
 
-def _of_channel(
+def _channel_covariance(
     channel: blocks.ChannelShift, covariance: Covariance, reference_radius_mm: float
 ) -> Float[np.ndarray, "terms terms"]:
     names = lateral_names(len(channel.radial))
     unit = np.ones(len(names))
     unit[:2] = 1 / reference_radius_mm
-    return covariance.in_order(names) * np.outer(unit, unit)
+    return covariance.ordered_as(names) * np.outer(unit, unit)
 
 
-def _of_fall_off(
+def _fall_off_covariance(
     light: blocks.FallOff, covariance: blocks.FallOffCovariance
 ) -> Float[np.ndarray, "3 terms terms"]:
     return np.array(
         [
-            getattr(covariance, channel).in_order(fall_off_names(channel, len(light.g)))
+            getattr(covariance, channel).ordered_as(
+                fall_off_names(channel, len(light.g))
+            )
             for channel in ("r", "g", "b")
         ]
     )
 
 
-def _of_distortion(
+def _distortion_covariance(
     covariance: Covariance | None, distortion: Distortion
 ) -> Float[np.ndarray, "numbers numbers"] | None:
     """Of the numbers of `lensfit.optics.map_deviations.changed_distortion`.
 
     None if the file does not state what one of them multiplies.
     """
-    return _of_numbers(covariance, distortion, {})
+    return _covariance_of_numbers(covariance, distortion, {})
 
 
-def _of_perspective(
+def _perspective_covariance(
     covariance: Covariance | None, distortion: Distortion
 ) -> Float[np.ndarray, "numbers numbers"] | None:
     """Of those, then of entrance-pupil offset and shift; None where the file does not
     say how well the pupil is known."""
-    offset, _ = numbered(dict.fromkeys(_PERSPECTIVE, 1))
+    offset, _ = member_names(dict.fromkeys(_PERSPECTIVE, 1))
     if covariance is None or offset not in covariance.parameters:
         return None
-    return _of_numbers(covariance, distortion, dict.fromkeys(_PERSPECTIVE, 1))
+    return _covariance_of_numbers(
+        covariance, distortion, dict.fromkeys(_PERSPECTIVE, 1)
+    )
 
 
-def _of_numbers(
+def _covariance_of_numbers(
     covariance: Covariance | None, distortion: Distortion, more: dict[str, int]
 ) -> Float[np.ndarray, "numbers numbers"] | None:
     if covariance is None:
@@ -353,13 +357,13 @@ def _of_numbers(
         _FREE: distortion.free.size,
         **more,
     }
-    names = numbered(sizes)
+    names = member_names(sizes)
     parameters = _with_free_field_counted(covariance.parameters, sizes[_FREE])
     if any(name not in names and _block(name) not in _ELSEWHERE for name in parameters):
         return None
     return Covariance(
         parameters, covariance.standard_deviation, covariance.correlation
-    ).in_order(names)
+    ).ordered_as(names)
 
 
 def _with_free_field_counted(
@@ -369,7 +373,7 @@ def _with_free_field_counted(
     known = [name for name in parameters if _block(name) == _FREE]
     if len(known) != count:
         return parameters
-    counted = iter(numbered({_FREE: count}))
+    counted = iter(member_names({_FREE: count}))
     return tuple(next(counted) if name in known else name for name in parameters)
 
 

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from lensfit.errors import PresetError
-from lensfit.preset.blend import blend, blended
+from lensfit.preset.blend import blend, interpolated_number
 from lensfit.preset.entry import Entry
 from lensfit.preset.scaled_look import SCALING_REMEDY
 from lensfit.units import dioptres_from_mm, m_from_mm
@@ -59,7 +59,7 @@ def interpolated_in_focus(
     """
     weight = focus_weight(first, second, focus_distance_mm)
     mixed = blend(first, second, weight)
-    inverse = blended(
+    inverse = interpolated_number(
         1 / first.projection.principal_distance_mm,
         1 / second.projection.principal_distance_mm,
         weight,
@@ -80,7 +80,7 @@ def interpolated_in_focal_length(
     span_mm = second.focal_length_mm - first.focal_length_mm
     weight = (focal_length_mm - first.focal_length_mm) / span_mm
     mixed = blend(first, second, weight)
-    ratio = blended(
+    ratio = interpolated_number(
         first.projection.principal_distance_mm / first.focal_length_mm,
         second.projection.principal_distance_mm / second.focal_length_mm,
         weight,
@@ -88,7 +88,9 @@ def interpolated_in_focal_length(
     mixed = _with_principal_distance(mixed, ratio * focal_length_mm)
     slopes = (one.distortion.radial_log_slope for one in (first, second))
     radial = tuple(
-        blended(a, b, _angular_weight(first, second, focal_length_mm, 2 * order))
+        interpolated_number(
+            a, b, _angular_weight(first, second, focal_length_mm, 2 * order)
+        )
         for order, (a, b) in enumerate(zip_longest(*slopes, fillvalue=0.0), 1)
     )
     distortion = msgspec.structs.replace(mixed.distortion, radial_log_slope=radial)
@@ -119,7 +121,7 @@ def focus_weight(first: Entry, second: Entry, focus_distance_mm: float) -> float
     pupil_m = [
         m_from_mm(one.projection.entrance_pupil_offset_mm) for one in (first, second)
     ]
-    pupil_m.append(blended(pupil_m[0], pupil_m[1], from_sensor))
+    pupil_m.append(interpolated_number(pupil_m[0], pupil_m[1], from_sensor))
     seen = [
         v / (1 - v * offset)
         for v, offset in zip((low, high, requested), pupil_m, strict=True)
@@ -187,7 +189,7 @@ def select(
     focal = _focal_length(focal_length_mm, focal_lengths, notes)
     low, high = _neighbours(focal, focal_lengths)
     at_focal = [
-        _at_focus(
+        _entry_of_focus_distances(
             [e for e in entries if e.focal_length_mm == measured],
             focus_distance_mm,
             f_number,
@@ -260,7 +262,7 @@ def _neighbours(value: float, measured: list[float]) -> tuple[float, float]:
     return low, high
 
 
-def _at_focus(
+def _entry_of_focus_distances(
     entries: list[Entry],
     focus_distance_mm: float | None,
     f_number: float | None,
@@ -268,7 +270,7 @@ def _at_focus(
 ) -> Entry:
     """One entry, from those of one focal length."""
     if len(entries) == 1:
-        only = _at_f_number(entries[0], f_number, notes)
+        only = _entry_at_f_number(entries[0], f_number, notes)
         return _entry_at_focus(only, focus_distance_mm, notes)
     if focus_distance_mm is None:
         known = sorted(e.focus_distance_mm for e in entries if e.focus_distance_mm)
@@ -286,7 +288,8 @@ def _at_focus(
     low, high = _neighbours(nearest, measured)
     # Only what is used has anything to note.
     beside = [
-        _at_f_number(by_focus[d], f_number, notes) for d in dict.fromkeys((low, high))
+        _entry_at_f_number(by_focus[d], f_number, notes)
+        for d in dict.fromkeys((low, high))
     ]
     if low == high:
         return _entry_at_focus(beside[0], focus_distance_mm, notes)
@@ -338,7 +341,7 @@ def _dioptres(entry: Entry) -> float:
     return dioptres_from_mm(entry.focus_distance_mm)
 
 
-def _at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entry:
+def _entry_at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entry:
     """`entry` with one fall-off, at that f-number; the widest if none is requested."""
     by_stop = {one.f_number: one for one in entry.fall_off if one.f_number is not None}
     measured = sorted(by_stop)

@@ -39,7 +39,9 @@ _TEXTS_OF_1 = {"pupil_walk": "pupil_shift", "pupil_walk_mm": "pupil_shift_mm"}
 _NUMBERED = re.compile(r"(\w+)((?:\[\d+\])?)")
 
 
-def renamed(value: Any, keys: Mapping[str, str], texts: Mapping[str, str]) -> Any:
+def with_renamed_keys(
+    value: Any, keys: Mapping[str, str], texts: Mapping[str, str]
+) -> Any:
     """Plain tables in which some keys and texts have other words, however deep.
 
     Parameters
@@ -47,9 +49,11 @@ def renamed(value: Any, keys: Mapping[str, str], texts: Mapping[str, str]) -> An
     texts : Of whole texts, which may end in a number in brackets.
     """
     if isinstance(value, dict):
-        return {keys.get(k, k): renamed(v, keys, texts) for k, v in value.items()}
+        return {
+            keys.get(k, k): with_renamed_keys(v, keys, texts) for k, v in value.items()
+        }
     if isinstance(value, list):
-        return [renamed(item, keys, texts) for item in value]
+        return [with_renamed_keys(item, keys, texts) for item in value]
     match = _NUMBERED.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return value
@@ -58,7 +62,7 @@ def renamed(value: Any, keys: Mapping[str, str], texts: Mapping[str, str]) -> An
 
 def with_pupil_shift(value: Any) -> Any:
     """What version 1 called the walk of the pupil is its shift, in version 2."""
-    return renamed(value, _KEYS_OF_1, _TEXTS_OF_1)
+    return with_renamed_keys(value, _KEYS_OF_1, _TEXTS_OF_1)
 
 
 def key_with_pupil_shift(key: str) -> str:
@@ -202,14 +206,14 @@ def _text(value: Any, indent: str, used: int = 0) -> str:
             for name, item in zip(names, value.values(), strict=True)
         ]
     elif plain:
-        return "[\n" + _filled(value, inner) + "\n" + indent + "]"
+        return "[\n" + _filled_lines(value, inner) + "\n" + indent + "]"
     else:
         opening, closing = "[", "]"
         lines = [inner + _text(item, inner, 1) for item in value]
     return opening + "\n" + ",\n".join(lines) + "\n" + indent + closing
 
 
-def _filled(values: Any, indent: str) -> str:
+def _filled_lines(values: Any, indent: str) -> str:
     """Plain values, comma by comma, in lines as long as they may be."""
     lines = [indent]
     for index, value in enumerate(values):

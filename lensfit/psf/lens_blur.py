@@ -261,15 +261,15 @@ def _lateral_mm(
     wavelengths_nm = blur.bands.wavelengths_nm
     if lateral_colour is None:
         return jnp.zeros((wavelengths_nm.shape[1], 2))
-    own = _of_channels(point, lateral_colour, distortion)[channel]
+    own = _channel_displacements(point, lateral_colour, distortion)[channel]
     measured = blur.measured_lateral or lateral_colour
-    red, _, blue = _of_channels(point, measured, distortion)
+    red, _, blue = _channel_displacements(point, measured, distortion)
     chromatic = chromatic_coordinate(wavelengths_nm)
     parted = lateral_at(chromatic[channel], red, blue, jnp.mean(chromatic, 1))
     return parted + (own - jnp.mean(parted, 0))[None]
 
 
-def _of_channels(
+def _channel_displacements(
     point: Array, lateral: tuple[ChannelShift, ChannelShift], distortion: Distortion
 ) -> Array:
     """Displacement of red, green and blue from where green lands, (3, 2)."""

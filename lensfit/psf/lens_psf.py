@@ -134,7 +134,7 @@ def _patches(
 ) -> Float[np.ndarray, "points size size"]:
     """`lens_psfs` of up to `_TOGETHER` points."""
     count, seen = len(points[0]), _pencils_of(points, optics)
-    turns = _turns_of(seen, optics[0], raster) if turns is None else _filled(turns)
+    turns = _turns_of(seen, optics[0], raster) if turns is None else _whole_batch(turns)
     every = np.arange(_TOGETHER)
     whose = np.repeat(every[:count], turns[:count])
     turn = np.concatenate([np.arange(n) for n in turns[:count]])
@@ -143,10 +143,10 @@ def _patches(
     middle = jnp.asarray(raster.size_px / 2 + np.asarray(raster.shift_px))
     for first in range(0, len(whose), _TOGETHER):
         some = slice(first, first + _TOGETHER)
-        own, number = _filled(whose[some]), _filled(turn[some])
+        own, number = _whole_batch(whose[some]), _whole_batch(turn[some])
         rays = _ray_turns(seen, optics[0], own, number, turns[own])
         live = every < len(whose[some])
-        light = _on_pixels(light, rays, own, live, raster.pitch_mm, middle)
+        light = _patches_with_rays(light, rays, own, live, raster.pitch_mm, middle)
     requested = np.asarray(light)[:count, : raster.size_px, : raster.size_px]
     total = requested.sum((1, 2), dtype=float)
     # Differences of the error function round to a little below zero.
@@ -154,7 +154,7 @@ def _patches(
 
 
 def _pencils_of(points: Points, optics: Optics) -> Pencil:
-    filled = tuple(_filled(part) for part in points)
+    filled = tuple(_whole_batch(part) for part in points)
     return _pencils(filled, *optics)
 
 
@@ -166,7 +166,7 @@ def _turns_of(
     return np.asarray(_turns_needed(probe, raster.pitch_mm, raster.tolerance))
 
 
-def _filled(some: Array | np.ndarray) -> np.ndarray:
+def _whole_batch(some: Array | np.ndarray) -> np.ndarray:
     """`_TOGETHER` of them; the last is repeated."""
     values = np.asarray(some)
     spare = np.repeat(values[-1:], _TOGETHER - len(values), 0)
@@ -231,7 +231,7 @@ def _turns_needed(
 
 
 @partial(jax.jit, donate_argnums=0)
-def _on_pixels(
+def _patches_with_rays(
     patches: Float[Array, "points room room"],
     rays: Rays,
     whose: Array,

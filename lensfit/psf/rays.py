@@ -25,7 +25,7 @@ from lensfit.optics.aberration import (
 )
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
-from lensfit.optics.stop_places import rays_at_stop, transmitted
+from lensfit.optics.stop_places import rays_at_stop, transmitted_light
 from lensfit.programs import kept_program
 from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.psf.spot import AIRY_SIGMA, Landed
@@ -98,19 +98,19 @@ def rays_through(
     )
     cell = seen.grown**2 * density * jnp.asarray(places.share)
     wavelengths = seen.lateral_mm.shape[0]
-    parted = _by_wavelength(u, seen, blur)
-    found = _of_wavelengths(parted, seen, blur)
+    parted = _rays_by_wavelength(u, seen, blur)
+    found = _landed_by_wavelength(parted, seen, blur)
     weight = cell * found.light.reshape(-1)
     if blur.transmission is not None:
         passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
-        weight *= transmitted(*passed, seen.channel, count, blur.transmission)
+        weight *= transmitted_light(*passed, seen.channel, count, blur.transmission)
     cell_mm2 = cell * _spread(found.slope_mm).reshape(-1)
     airy = AIRY_SIGMA**2 * jnp.tile(seen.diffraction_mm2, len(u) // wavelengths)
     at = found.at_mm.reshape(-1, 2)
     return Rays(at, weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
 
 
-def _by_wavelength(u: Array, seen: Pencil, blur: LensBlur) -> _OfWavelengths:
+def _rays_by_wavelength(u: Array, seen: Pencil, blur: LensBlur) -> _OfWavelengths:
     """Rays in turn to one wavelength after the other, (rays, wavelengths, ...)."""
     own, is_known = u, jnp.ones(len(u), bool)
     if blur.known is not None:
@@ -121,17 +121,19 @@ def _by_wavelength(u: Array, seen: Pencil, blur: LensBlur) -> _OfWavelengths:
     return _OfWavelengths(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
 
 
-def _of_wavelengths(parted: _OfWavelengths, seen: Pencil, blur: LensBlur) -> Landed:
+def _landed_by_wavelength(
+    parted: _OfWavelengths, seen: Pencil, blur: LensBlur
+) -> Landed:
     """Rays of every wavelength, from where green's chief ray lands."""
 
     def one(rays: _OfWavelengths, local: LocalWavefront, lateral: Array) -> Landed:
-        found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
+        found = jax.vmap(_landed_ray, (0, None, None))(rays, blur, local)
         return found._replace(at_mm=found.at_mm + lateral[None])
 
     return jax.vmap(one, (1, 0, 0), 1)(parted, seen.local, seen.lateral_mm)
 
 
-def _landed(ray: _OfWavelengths, blur: LensBlur, local: LocalWavefront) -> Landed:
+def _landed_ray(ray: _OfWavelengths, blur: LensBlur, local: LocalWavefront) -> Landed:
     """One ray; an oval lens draws where it lands out along x and y."""
     light = light_density(ray.own, blur.defocus_mm, local)
     if blur.known is None:
@@ -184,8 +186,8 @@ def rays_of_points(
     points : Where green chief rays land (points, 2), object distances from the sensor,
         and channels.
     """
-    filled = tuple(_filled(part, _POINTS) for part in points)
-    through = [_filled(part, _RAYS) for part in places]
+    filled = tuple(_whole_batches(part, _POINTS) for part in points)
+    through = [_whole_batches(part, _RAYS) for part in places]
     n_points, n_rays = len(points[0]), np.size(places.reach)
     count = jnp.asarray(float(n_rays))
     firsts = range(0, len(filled[0]), _POINTS), range(0, len(through[0]), _RAYS)
@@ -234,8 +236,8 @@ def stop_rays(
     points : As `rays_of_points`.
     places : From the middle of the stop, in its radii, x right and y down.
     """
-    at, distance, channel = (_filled(part, _POINTS) for part in points)
-    through, found = jnp.asarray(_filled(places, _PLACES)), []
+    at, distance, channel = (_whole_batches(part, _POINTS) for part in points)
+    through, found = jnp.asarray(_whole_batches(places, _PLACES)), []
     for first in range(0, len(at), _POINTS):
         n = slice(first, first + _POINTS)
         some = jnp.asarray(at[n]), jnp.asarray(distance[n]), jnp.asarray(channel[n])
@@ -257,14 +259,14 @@ def _stop_batch(
         seen = pencil(*point, blur, distortion, lateral)
         u = rays_at_stop(places, seen.h, blur.stop_radius, blur.pupil)
         wavelengths = seen.lateral_mm.shape[0]
-        parted = _by_wavelength(jnp.repeat(u, wavelengths, 0), seen, blur)
-        landed = _of_wavelengths(parted, seen, blur)
+        parted = _rays_by_wavelength(jnp.repeat(u, wavelengths, 0), seen, blur)
+        landed = _landed_by_wavelength(parted, seen, blur)
         return landed.at_mm, landed.light
 
     return jax.lax.map(one, points)
 
 
-def _filled(some: ArrayLike, size: int) -> np.ndarray:
+def _whole_batches(some: ArrayLike, size: int) -> np.ndarray:
     """Whole batches; the last is repeated."""
     values = np.asarray(some)
     return np.concatenate([values, np.repeat(values[-1:], -len(values) % size, 0)])

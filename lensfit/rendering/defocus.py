@@ -113,7 +113,7 @@ def blurred_plate(
     layers = [] if in_front is None else _layers(in_front, defocus)
     lights = [light for light in (plate.lights, *lights_in_front) if light is not None]
     scene = Scene(layers, plate, lights, is_opaque)
-    return _blurred(scene, window, output_window, defocus)
+    return _blurred_scene(scene, window, output_window, defocus)
 
 
 def blurred_layers(
@@ -134,7 +134,7 @@ def blurred_layers(
     scene = Scene(_layers(layers, defocus), None, found, is_opaque=False)
     if not found and stays_sharp(np.array(scene.range_px()), window, defocus):
         return crop(flattened_layers(layers), window, output_window)
-    return _blurred(scene, window, output_window, defocus)
+    return _blurred_scene(scene, window, output_window, defocus)
 
 
 def _layers(stack: LayerStack, defocus: Defocus) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -142,7 +142,7 @@ def _layers(stack: LayerStack, defocus: Defocus) -> list[tuple[np.ndarray, np.nd
     return list(zip(rgba, defocus.circle.radius_px(stack.depth_mm), strict=True))
 
 
-def _blurred(
+def _blurred_scene(
     scene: Scene, window: Window, output_window: Window, defocus: Defocus
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     frame = _Frame(scene, window, output_window, defocus)
@@ -215,7 +215,7 @@ class _Frame:
             target = crop(self.picture, self.output_window, tile)
             sharp = crop(self.pinhole, window, tile)
             strip = partial(
-                _gathered,
+                _gather_rows,
                 *(target, tile, region, packing.result(), rays, sharp),
                 self.scene.is_opaque,
             )
@@ -273,10 +273,12 @@ def _surfaces(
         )
         if layers:
             found.sort(key=lambda surface: -surface.middle_px)
-    return found if is_continuous else [surface.levelled() for surface in found]
+    return (
+        found if is_continuous else [surface.with_middle_radius() for surface in found]
+    )
 
 
-def _gathered(
+def _gather_rows(
     target: np.ndarray,
     tile: Window,
     region: Window,

@@ -94,7 +94,7 @@ def defocus_cost(
     cores = cores or available_cores()
     tiles = list(tiles_of(output, reach, cores))
     slabs = _Slabs.of(radius_px, cuts)
-    found = [_of_tile(slabs, tile, reach, window, rays) for tile in tiles]
+    found = [_cost_of_tile(slabs, tile, reach, window, rays) for tile in tiles]
     at_once = min(cores, len(tiles))
     return DefocusCost(
         is_sharp=False,
@@ -160,7 +160,7 @@ def _cells_of(first: int, last: int, origin: int) -> slice:
     return slice((first - origin) // TILE, (last - origin) // TILE + 1)
 
 
-def _of_tile(
+def _cost_of_tile(
     slabs: _Slabs, tile: Window, reach: int, window: Window, rays: Rays
 ) -> _TileCost:
     region = tile_with_margin(tile, 2 * reach, window)

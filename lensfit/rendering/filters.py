@@ -13,9 +13,9 @@ RMS error of a shifted sine of unit amplitude, by its frequency in cycles/px:
     spline          16+  1.7e-5   2.9e-4   6.3e-3   4.9e-2   2.4e-1    4
 
 OpenCV's cubic (a = -0.75) does not reproduce a ramp; `cubic` is the same kernel, read
-at the fraction where it does, so that OpenCV can do the work (`resample.remapped`). On
-a picture with a natural spectrum (amplitude as 1/f) it is as good as catmull-rom; on a
-smooth picture the others are better. A prefiltered cubic spline is the most accurate
+at the fraction where it does, so that OpenCV can do the work
+(`resample.remapped_pixels`). On a picture with a natural spectrum (amplitude as 1/f) it
+is as good as catmull-rom; on a smooth picture the others are better. A prefiltered cubic spline is the most accurate
 for its taps, but its prefilter rings over a dozen pixels, which a highlight of a
 thousand times its surroundings makes visible. All filters here have compact support and
 leave sample positions untouched, and catmull-rom and keys-6 reproduce quadratics and
@@ -96,7 +96,7 @@ class _Kernel(NamedTuple):
     weights: Callable[[Plane], list[Plane]]
 
 
-def _of_pieces(*pieces: Callable[[Plane], Plane]) -> _Kernel:
+def _piecewise_kernel(*pieces: Callable[[Plane], Plane]) -> _Kernel:
     """An even kernel given by a polynomial of the distance on every unit of it."""
     reach = len(pieces)
 
@@ -165,8 +165,8 @@ def _keys6_outer(x: Plane) -> Plane:
 
 
 _KERNELS: dict[Filter, _Kernel] = {
-    "cubic": _exact_on_ramps(_of_pieces(_opencv_inner, _opencv_outer)),
-    "catmull-rom": _of_pieces(_catmull_rom_inner, _catmull_rom_outer),
-    "keys-6": _of_pieces(_keys6_inner, _keys6_middle, _keys6_outer),
+    "cubic": _exact_on_ramps(_piecewise_kernel(_opencv_inner, _opencv_outer)),
+    "catmull-rom": _piecewise_kernel(_catmull_rom_inner, _catmull_rom_outer),
+    "keys-6": _piecewise_kernel(_keys6_inner, _keys6_middle, _keys6_outer),
     "sinc-16": _Kernel(_SINC_REACH, _sinc_weights),
 }

@@ -85,7 +85,7 @@ def shared_pixels(plate: FlatPlate, window: Window, region: Window) -> SharedPix
     )
     rows, columns = np.nonzero(mattes.coverage[1] > _LEAST_SHARE)
     first, second = (
-        _of_object(rgba, radius_px, mattes, r, rows, columns) for r in (0, 1)
+        _object_around_pixels(rgba, radius_px, mattes, r, rows, columns) for r in (0, 1)
     )
     near_first = first[0] > second[0]
     front_px = np.where(near_first, first[0], second[0])
@@ -99,7 +99,7 @@ def shared_pixels(plate: FlatPlate, window: Window, region: Window) -> SharedPix
     return SharedPixels(*(part[keep].astype(part.dtype) for part in found))
 
 
-def _of_object(
+def _object_around_pixels(
     rgba: Float32[np.ndarray, "height width 4"],
     radius_px: Float32[np.ndarray, "height width"],
     mattes: Mattes,

@@ -203,12 +203,14 @@ def render_stages(
         seen = _with_lights(layers, lights) if stages.look else []
         arrival = _arrival(stages, seen, list(layers.depth_mm))
         blurred = blurred_layers(layers, stages.window, window, stages.defocus, lights)
-        picture = _lit(blurred, stages, window)
+        picture = _with_relative_illumination(blurred, stages, window)
     elif depth_mm is None or stages.defocus is None:
         flat = flattened_layers(pixels) if isinstance(pixels, LayerStack) else pixels
         there = warped_plate(flat, data_window, stages, method)
         arrival = _arrival(stages, [there])
-        picture = crop(_lit(there, stages), stages.window, window)
+        picture = crop(
+            _with_relative_illumination(there, stages), stages.window, window
+        )
     else:
         assert isinstance(pixels, np.ndarray)
         check_depth(depth_mm, pixels.shape[:2])
@@ -226,7 +228,9 @@ def render_stages(
         blurred = blurred_plate(
             flat, stages.window, window, stages.defocus, front, front_lights
         )
-        picture = _lit(blurred, stages, window)[..., _CHANNELS_OF[pixels.shape[-1]]]
+        picture = _with_relative_illumination(blurred, stages, window)[
+            ..., _CHANNELS_OF[pixels.shape[-1]]
+        ]
     if look is None:
         return picture
     return crop(look.applied(picture, window, arrival), window, output_window)
@@ -260,7 +264,7 @@ def _arrival(
     return look.arrival(sharp_layers(rgba, depth_mm, stages.defocus.circle))
 
 
-def _lit(
+def _with_relative_illumination(
     pixels: Float32[np.ndarray, "height width channels"],
     stages: Stages,
     window: Window | None = None,

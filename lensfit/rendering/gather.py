@@ -249,7 +249,7 @@ def _surfaces_met(met, rays, count, surfaces, corner, at, size):
         spare = np.float32(0.35) * moved + 2 * surfaces.table[surface, SCALE]
         top = corner[0] + at[0] - surfaces.table[surface, TOP]
         left = corner[1] + at[1] - surfaces.table[surface, LEFT]
-        holds, opens, below_zero = counted(
+        holds, opens, below_zero = surface_in_rectangle(
             surfaces,
             surface,
             (top + y_low - spare, left + x_low - spare),
@@ -269,7 +269,7 @@ def _surfaces_met(met, rays, count, surfaces, corner, at, size):
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def counted(
+def surface_in_rectangle(
     surfaces: PackedSurfaces,
     surface: int,
     low: tuple[float, float],

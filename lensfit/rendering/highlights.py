@@ -108,7 +108,7 @@ def take_highlights(
     hole = cv2.dilate(mask, ring)
     for box, own in _boxes(hole):
         here = at[box] & own
-        ground, ground_px = _closed(rgba[box], radius_px[box], hole[box])
+        ground, ground_px = _filled_surroundings(rgba[box], radius_px[box], hole[box])
         own_rgba = rgba[box][here]
         base = np.minimum(ground[here][:, :3], own_rgba[:, :3])
         light[box][here] = own_rgba[:, :3] - base
@@ -118,7 +118,7 @@ def take_highlights(
         behind = ground[here][:, 3] > _SEEN_THROUGH * own_rgba[:, 3]
         farther = np.minimum(ground_px[here], own_px[box][here])
         radius_px[box][here] = np.where(behind, farther, own_px[box][here])
-    return Highlights(light, _carried(own_px, mask), mask.astype(np.float32))
+    return Highlights(light, _carried_radius_px(own_px, mask), mask.astype(np.float32))
 
 
 def _lights(
@@ -141,7 +141,7 @@ def _lights(
     return bright & ~is_long[label]
 
 
-def _carried(own_px: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _carried_radius_px(own_px: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The radius of lights as far beside them as the warp may carry them."""
     wide = np.ones((2 * _LANDING_PX + 1,) * 2, np.uint8)
     beside = (cv2.dilate(mask, wide) > 0) & (mask == 0)
@@ -169,7 +169,7 @@ def _boxes(
         yield box, label[box] == i
 
 
-def _closed(
+def _filled_surroundings(
     rgba: np.ndarray, radius_px: np.ndarray, hole: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colour and radius of the surroundings, continued into holes."""

@@ -34,7 +34,7 @@ from lensfit.rendering.gather import (
     TOP,
     WIDTH,
     PackedSurfaces,
-    counted,
+    surface_in_rectangle,
 )
 from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
 from lensfit.rendering.ray_field import DepthNodes, landed_rays
@@ -211,7 +211,7 @@ def light_kernel(
     else:
         kernel = parts[:, finer // 2, :, finer // 2]
         kernel = kernel * (fine.sum() / max(kernel.sum(), 1e-30))
-    return _diffracted(kernel, field.diffraction_px).astype(np.float32)
+    return _diffracted_kernel(kernel, field.diffraction_px).astype(np.float32)
 
 
 def _less_a_pixel(
@@ -256,7 +256,9 @@ def _nearer(
         # Towards the lens a ray strays farther than it lands from its chief ray.
         for reach in [half * max(1.0, _widening(surfaces, n, radius_px))]
         for low in [(y - reach - tops[n], x - reach - lefts[n])]
-        if counted(surfaces, n, low, (low[0] + 2 * reach, low[1] + 2 * reach))[0]
+        if surface_in_rectangle(
+            surfaces, n, low, (low[0] + 2 * reach, low[1] + 2 * reach)
+        )[0]
     ]
     return np.array(found, np.int32)
 
@@ -282,7 +284,7 @@ def _between(
     return mesh, np.einsum("rk,wrkv->wv", shares, density[part])
 
 
-def _diffracted(kernel: np.ndarray, sigma_px: float) -> np.ndarray:
+def _diffracted_kernel(kernel: np.ndarray, sigma_px: float) -> np.ndarray:
     if sigma_px < 0.05:
         return kernel
     import cv2

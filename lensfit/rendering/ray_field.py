@@ -285,11 +285,11 @@ def _seen_from_pixels(landing_px: np.ndarray, step_px: np.ndarray) -> np.ndarray
     with x + landing(x) = pixel, so that D = x - pixel = -landing(pixel + D)."""
     moved = -landing_px
     for _ in range(_NEWTON_STEPS):
-        moved = -_between_nodes(landing_px, moved, step_px)
+        moved = -_interpolated_between_nodes(landing_px, moved, step_px)
     return moved
 
 
-def _between_nodes(
+def _interpolated_between_nodes(
     values: np.ndarray, moved_px: np.ndarray, step_px: np.ndarray
 ) -> np.ndarray:
     """Values of (channels, depths, rows, columns, rays, 2) beside each node, by a cubic

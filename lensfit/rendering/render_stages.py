@@ -250,11 +250,11 @@ def apply_gain(
     """
     if all(gain is None for gain in gains):
         return pixels
-    return np.asarray(_multiplied(pixels, list(gains)))
+    return np.asarray(_darkened_pixels(pixels, list(gains)))
 
 
 @jax.jit
-def _multiplied(pixels: Array, gains: list[Array | None]) -> Array:
+def _darkened_pixels(pixels: Array, gains: list[Array | None]) -> Array:
     """In one pass over the picture; a pure function, for any device."""
     one = jnp.ones(pixels.shape[:2], pixels.dtype)
     planes = [one if gain is None else jnp.nan_to_num(gain, nan=0.0) for gain in gains]

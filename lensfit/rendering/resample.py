@@ -14,7 +14,7 @@ than `ORDINARY_CONTRAST` times the brightest of the four. Elsewhere the overshoo
 part of the display range, and the result is only kept above zero. Alpha does not exceed
 1.
 
-OpenCV's cubic is the fastest on a CPU (`remapped`). Since version 5, `cv2.remap`
+OpenCV's cubic is the fastest on a CPU (`remapped_pixels`). Since version 5, `cv2.remap`
 weights samples by the exact fraction of a position; before, by the nearest
 thirty-second of a pixel. Positions for it are moved to where its
 kernel reproduces a ramp (`filters.ramp_fraction`). In absolute pixels, float32 has a
@@ -74,8 +74,8 @@ def resample(
     moved = jnp.clip(
         jnp.where(valid[None], displacement, 0), -_FARTHEST_PX, _FARTHEST_PX
     )
-    columns, x, dx = _split(moved[0], column)
-    rows, y, dy = _split(moved[1], row)
+    columns, x, dx = _index_and_fraction(moved[0], column)
+    rows, y, dy = _index_and_fraction(moved[1], row)
 
     first = first_tap(method)
     x_weights, y_weights = tap_weights(method, dx), tap_weights(method, dy)
@@ -89,14 +89,14 @@ def resample(
         read = [
             flat.at[line_start + c].get(mode="promise_in_bounds") for c in at_column
         ]
-        total = total + y_weights[j][..., None] * _weighted(
+        total = total + y_weights[j][..., None] * _weighted_sum(
             read, [w[..., None] for w in x_weights]
         )
         lines.append(_Extremes.of(read))
         if taps[j] in (0, 1):
             nearest += [read[-first], read[1 - first]]
 
-    total = _limited(
+    total = _limited_value(
         total, _Extremes.of(nearest), _Extremes.joined(lines), ceiling[None, None]
     )
     on_sample = (dx == 0) & (dy == 0)
@@ -132,14 +132,18 @@ def resample_tiles(
     level = jnp.minimum(jnp.floor(beyond), levels)
     fraction = beyond - level
     x_level, y_level = level[:, None, 0], level[:, None, 1]
-    x_weights = _at_level(tap_weights(method, fraction[:, None, 0]), x_level, levels)
-    y_weights = _at_level(tap_weights(method, fraction[:, None, 1]), y_level, levels)
+    x_weights = _weights_at_level(
+        tap_weights(method, fraction[:, None, 0]), x_level, levels
+    )
+    y_weights = _weights_at_level(
+        tap_weights(method, fraction[:, None, 1]), y_level, levels
+    )
     total, lines, pairs = jnp.zeros((), patches.dtype), [], []
     centre = -first_tap(method)
     taps = range(2 * centre + 2)
     for j, y_weight in enumerate(y_weights):
-        read = [_shifted(patches, j, i) for i in range(len(x_weights))]
-        total = total + y_weight * _weighted(read, x_weights)
+        read = [_shifted_patches(patches, j, i) for i in range(len(x_weights))]
+        total = total + y_weight * _weighted_sum(read, x_weights)
         if not ordinary:
             own = [_choice(read[i:], x_level, levels) for i in taps]
             lines.append(_Extremes.of(own))
@@ -149,21 +153,23 @@ def resample_tiles(
         return jnp.clip(total, 0, ceiling)
     all_lines = [_extremes_at(lines[j:], y_level, levels) for j in taps]
     near = [_extremes_at(pairs[j:], y_level, levels) for j in taps[centre : centre + 2]]
-    return _limited(total, _Extremes.joined(near), _Extremes.joined(all_lines), ceiling)
+    return _limited_value(
+        total, _Extremes.joined(near), _Extremes.joined(all_lines), ceiling
+    )
 
 
-def _shifted(patches: Array, row: int, column: int) -> Array:
+def _shifted_patches(patches: Array, row: int, column: int) -> Array:
     return patches[..., row : row + TILE_HEIGHT, column : column + TILE_WIDTH]
 
 
-def _weighted(samples: list[Array], weights: list[Array]) -> Array:
+def _weighted_sum(samples: list[Array], weights: list[Array]) -> Array:
     total = samples[0] * weights[0]
     for sample, weight in zip(samples[1:], weights[1:], strict=True):
         total = total + sample * weight
     return total
 
 
-def _at_level(weights: list[Array], level: Array, levels: int) -> list[Array]:
+def _weights_at_level(weights: list[Array], level: Array, levels: int) -> list[Array]:
     """Weights of all samples of a patch: a pixel's own taps begin at its level."""
     zero = jnp.zeros_like(weights[0])
     padded = [zero] * levels + weights + [zero] * levels
@@ -209,7 +215,9 @@ def _extremes_at(lines: list[_Extremes], level: Array, levels: int) -> _Extremes
     )
 
 
-def _limited(value: Array, near: _Extremes, read: _Extremes, ceiling: Array) -> Array:
+def _limited_value(
+    value: Array, near: _Extremes, read: _Extremes, ceiling: Array
+) -> Array:
     """`value` held above zero, or to a stop around the nearest samples where any that
     is read is beyond the display range, or to less where that one is out of
     proportion to them."""
@@ -222,7 +230,7 @@ def _limited(value: Array, near: _Extremes, read: _Extremes, ceiling: Array) -> 
     return jnp.clip(value, low, jnp.minimum(high, ceiling))
 
 
-def _split(moved: Array, own: Array) -> tuple[Array, Array, Array]:
+def _index_and_fraction(moved: Array, own: Array) -> tuple[Array, Array, Array]:
     """Index of the sample at or below the position, the position in indices, and the
     fraction between; the fraction comes from the small displacement alone."""
     whole = jnp.floor(moved)
@@ -279,7 +287,7 @@ def _positions(displacement: Array, first: Array) -> tuple[Array, Array]:
     return planes[0], planes[1]
 
 
-def remapped(
+def remapped_pixels(
     pixels: Float32[np.ndarray, "height width channels"],
     lookup: Lookup,
     ceiling: Float32[np.ndarray, " channels"],

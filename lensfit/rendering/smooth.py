@@ -164,12 +164,12 @@ def _is_small(block: Window) -> bool:
 
 def _quarters(block: Window) -> list[Window]:
     """The block cut at its middle along each side longer than the smallest block."""
-    x_cuts = _cut(block.x_min, block.x_max)
-    y_cuts = _cut(block.y_min, block.y_max)
+    x_cuts = _blocks_of(block.x_min, block.x_max)
+    y_cuts = _blocks_of(block.y_min, block.y_max)
     return [Window(x0, y0, x1, y1) for y0, y1 in y_cuts for x0, x1 in x_cuts]
 
 
-def _cut(low: int, high: int) -> list[tuple[int, int]]:
+def _blocks_of(low: int, high: int) -> list[tuple[int, int]]:
     if high - low + 1 <= SMALLEST_BLOCK_PX:
         return [(low, high)]
     middle = (low + high) // 2

@@ -69,7 +69,7 @@ class Surface:
     def middle_px(self) -> float:
         return (self.least_px + self.most_px) / 2
 
-    def levelled(self) -> "Surface":
+    def with_middle_radius(self) -> "Surface":
         """The same, all of it blurring as its middle."""
         return replace(self, least_px=self.middle_px, most_px=self.middle_px)
 

@@ -35,7 +35,7 @@ from lensfit.rendering.resample import (
     Border,
     can_remap,
     lookup_of,
-    remapped,
+    remapped_pixels,
     resample,
     resample_tiles,
 )
@@ -199,7 +199,7 @@ class TileWarp:
         read_already = self.method == "cubic" and can_remap(self.source, channels)
         if read_already:
             lookup = lookup_of(self.source_map, self.source)
-            result = remapped(self.pixels, lookup, self.ceiling)
+            result = remapped_pixels(self.pixels, lookup, self.ceiling)
         else:
             window = self.source_map.window
             result = np.empty((window.height, window.width, channels), np.float32)
@@ -302,7 +302,7 @@ class TileWarp:
             )
             _place(placed, kind.corners[chunk], np.asarray(tiles))
 
-        _on_threads(read, _chunks(kind.corners))
+        _run_on_threads(read, _chunks(kind.corners))
 
     @cached_property
     def _planes(self) -> Float32[np.ndarray, "channels height width"]:
@@ -351,10 +351,10 @@ class TileWarp:
             tiles = np.asarray(found).reshape(CHUNK, *_TILE, -1)[:count]
             _place(placed, corners[chunk], np.moveaxis(tiles, 3, 1))
 
-        _on_threads(read, _chunks(corners))
+        _run_on_threads(read, _chunks(corners))
 
 
-def _on_threads(work: Callable[[slice], None], chunks: Iterator[slice]) -> None:
+def _run_on_threads(work: Callable[[slice], None], chunks: Iterator[slice]) -> None:
     with ThreadPoolExecutor(_THREADS) as pool:
         for _ in pool.map(work, chunks):
             pass
@@ -400,7 +400,7 @@ class _LargestBits(NamedTuple):
         def read(part: slice) -> None:
             np.max(full[part], 1, out=lines[:whole][part, : bits.shape[1]])
 
-        _on_threads(read, (slice(first, first + 8) for first in range(0, whole, 8)))
+        _run_on_threads(read, (slice(first, first + 8) for first in range(0, whole, 8)))
         if whole < rows:
             lines[whole, : bits.shape[1]] = bits[whole * TILE_HEIGHT :].max(0)
         blocks = lines.reshape(rows, columns, -1).max(2)

@@ -92,7 +92,7 @@ def _warp_one(task: TileWarp) -> np.ndarray:
     displacement = task.source_map.displacement_px
     shift = _whole_shift(displacement)
     if shift is not None:
-        return _copied(task, shift)
+        return _copied_samples(task, shift)
     minified = list(_minified_tiles(displacement))
     in_tiles = (
         jax.default_backend() == "cpu" and has_tiles(window) and has_tiles(source)
@@ -129,7 +129,7 @@ def _whole_shift(displacement: np.ndarray) -> tuple[int, int] | None:
     return int(first[0, 0, 0]), int(first[1, 0, 0])
 
 
-def _copied(task: TileWarp, shift: tuple[int, int]) -> np.ndarray:
+def _copied_samples(task: TileWarp, shift: tuple[int, int]) -> np.ndarray:
     """Samples moved by whole pixels, bit for bit."""
     window, source = task.source_map.window, task.source
     columns = np.arange(window.width) + window.x_min - source.x_min + shift[0]

@@ -15,7 +15,7 @@ from lensfit.report.markup import (
     Markup,
     number,
     number_with_deviation,
-    stated,
+    stated_value,
     tag,
 )
 from lensfit.report.pictures import ENLARGED, png_address
@@ -89,7 +89,7 @@ def _block(
     through: Sequence[ThroughSheet],
 ) -> Markup:
     focal = blur.get("focal_length_mm")
-    name = "Focal length not stated" if focal is None else stated(focal, "mm")
+    name = "Focal length not stated" if focal is None else stated_value(focal, "mm")
     known = {take.get("image"): take for take in report.get("takes") or []}
     takes = [known.get(one.get("image"), {}) | one for one in blur.get("takes") or []]
     header = tag("header", tag("h3", name), tag("p", _facts(blur), class_="facts"))
@@ -220,7 +220,7 @@ def _kernel_figure(sheet: KernelSheet) -> Markup:
         title += f", focused at {distance_text(state.focus_distance_mm)}"
     title += f", point at {distance_text(state.object_distance_mm)}"
     scale = f"A tile is {number(sheet.width_px, 'px')} wide, the bar "
-    scale += f"{stated(sheet.bar_px, 'px')}."
+    scale += f"{stated_value(sheet.bar_px, 'px')}."
     address = png_address(sheet.png)
     picture = tag("img", src=address, alt=f"Point-spread functions, {title}")
     caption = tag("figcaption", scale)

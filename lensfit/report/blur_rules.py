@@ -6,8 +6,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from lensfit.psf.blur_quality import GOOD_BLUR, ROUGH_BLUR
-from lensfit.report.evidence import Finding, joined, numbers, used_takes, value_of
-from lensfit.report.markup import number, stated
+from lensfit.report.evidence import (
+    Finding,
+    numbers,
+    sentence_list,
+    used_takes,
+    value_of,
+)
+from lensfit.report.markup import number, stated_value
 
 _FAR_WORSE = 3.0
 """Times the misfit of the median take, from which on one is named."""
@@ -25,7 +31,9 @@ def blur_findings(report: dict) -> Iterator[Finding]:
     worst = max(known, key=lambda one: _blur_error(one)[0])
     error, whose = _blur_error(worst)
     place = (
-        f" at {stated(worst.get('focal_length_mm'), 'mm')}" if len(known) > 1 else ""
+        f" at {stated_value(worst.get('focal_length_mm'), 'mm')}"
+        if len(known) > 1
+        else ""
     )
     targets = targets_of(worst.get("takes") or [])
     said = (
@@ -112,20 +120,20 @@ def _outstanding(report: dict, known: list[dict]) -> Iterator[Finding]:
         usual = float(np.nanmedian(misfit))
         bad = (misfit > _FAR_WORSE * usual) & (misfit > GOOD_BLUR)
         names = [
-            _stopped(named.get(take.get("image"), take))
+            _name_and_stop(named.get(take.get("image"), take))
             for take, worse in zip(takes, bad, strict=True)
             if worse
         ]
         if names:
             yield Finding(
                 "caution",
-                f"The {targets_of(takes)} of {joined(names)} are not those of this "
-                f"lens (misfit of {100 * float(np.nanmax(misfit)):.0f} %, of the "
+                f"The {targets_of(takes)} of {sentence_list(names)} are not those of "
+                f"this lens (misfit of {100 * float(np.nanmax(misfit)):.0f} %, of the "
                 f"others {100 * usual:.0f} %): check the stated f_number and focus.",
             )
 
 
-def _stopped(take: dict) -> str:
+def _name_and_stop(take: dict) -> str:
     name = take.get("name") or take.get("image") or "a take"
     return f"“{name}” (f/{value_of(take.get('f_number')):g})"
 

@@ -210,7 +210,7 @@ def photographed_corner_px(report: dict, entry: dict) -> float:
     As far into each corner as points reach: from the last of them to the very corner
     the map is extrapolated, where its deviation grows several times over.
     """
-    of_map = _in_photographed_corners(report, entry, "uncertainty_grid")
+    of_map = _deviations_in_photographed_corners(report, entry, "uncertainty_grid")
     return float(of_map.max()) if of_map.size else math.nan
 
 
@@ -221,11 +221,15 @@ def object_deviation_px(report: dict, entry: dict) -> float:
     With the camera where it is: what a turn of the camera would make good of the map is
     an error of the picture all the same.
     """
-    of_objects = _in_photographed_corners(report, entry, "object_uncertainty_grid")
+    of_objects = _deviations_in_photographed_corners(
+        report, entry, "object_uncertainty_grid"
+    )
     return float(np.sqrt(np.mean(of_objects**2))) if of_objects.size else math.nan
 
 
-def _in_photographed_corners(report: dict, entry: dict, key: str) -> np.ndarray:
+def _deviations_in_photographed_corners(
+    report: dict, entry: dict, key: str
+) -> np.ndarray:
     """The known deviations of a grid in the corners that were photographed."""
     photographed = corners_photographed(report, entry)
     reached = _corners_reached(report, entry)
@@ -235,7 +239,7 @@ def _in_photographed_corners(report: dict, entry: dict, key: str) -> np.ndarray:
         found = _corners_px(entry, key)[photographed]
     else:
         at = reached[photographed]
-        found = np.array([_interpolated(x_mm, y_mm, sd_px, one) for one in at])
+        found = np.array([_interpolated_value(x_mm, y_mm, sd_px, one) for one in at])
     return found[np.isfinite(found)]
 
 
@@ -256,7 +260,7 @@ def _corners_reached(report: dict, entry: dict) -> np.ndarray | None:
     return np.array(reached)
 
 
-def _interpolated(
+def _interpolated_value(
     x_mm: np.ndarray, y_mm: np.ndarray, values: np.ndarray, at_mm: np.ndarray
 ) -> float:
     """Bilinear, on a grid whose nodes are ascending."""
@@ -295,7 +299,7 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
-def joined(names: list[str]) -> str:
+def sentence_list(names: list[str]) -> str:
     """Names as a list in a sentence."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from skimage.measure import find_contours
 
 from lensfit.report.evidence import numbers
-from lensfit.report.markup import Markup, number, stated, tag
+from lensfit.report.markup import Markup, number, stated_value, tag
 from lensfit.report.pictures import png_address
 from lensfit.report.svg import (
     MARGIN,
@@ -106,7 +106,7 @@ def fall_off_surface(entry: dict, camera: dict) -> Figure | None:
     known = np.interp(radius, measured, light, right=np.nan)
     lost = FieldMap(x, y, _visible(-np.log2(np.maximum(known, 1e-6))), "stops")
     stop = widest.get("f_number")
-    name = f"f/{stated(round(stop, 1))}" if stop else "an f-number not stated"
+    name = f"f/{stated_value(round(stop, 1))}" if stop else "an f-number not stated"
     caption = f"Light lost in green at {name}, in stops."
     if widest.get("lighting_too"):
         caption += " Of lens and lighting together."

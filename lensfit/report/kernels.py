@@ -104,7 +104,7 @@ def lenses_at(preset: Preset, states: list[KernelState]) -> list[Lens]:
     ------
     LensfitError : The preset lacks the data.
     """
-    return _of_one_program(
+    return _with_equal_shapes(
         [
             preset.at(one.focal_length_mm, one.f_number, one.focus_distance_mm)
             for one in states
@@ -280,7 +280,7 @@ def reach_share(kernels: Float[np.ndarray, "points size size"]) -> float:
     return 2 * float(enough[0] + 1 if len(enough) else size // 2) / size
 
 
-def _of_one_program(lenses: list[Lens]) -> list[Lens]:
+def _with_equal_shapes(lenses: list[Lens]) -> list[Lens]:
     """The same lenses with as many coefficients each: zeros at the end of a radial
     series change nothing, and one compiled program then serves all."""
     for where in _RADIALS:

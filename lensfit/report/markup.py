@@ -96,7 +96,7 @@ def number(value: Any, unit: str = "", digits: int = 3) -> str:
     return _minus(f"{value:,.{decimals}f}".replace(",", "\u202f")) + suffix
 
 
-def stated(value: Any, unit: str = "") -> str:
+def stated_value(value: Any, unit: str = "") -> str:
     """A value that somebody stated (50 mm, f/1.4), without zeros nobody wrote."""
     if not isinstance(value, Real) or not math.isfinite(value):
         return number(value, unit)

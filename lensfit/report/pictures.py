@@ -160,7 +160,7 @@ def jpeg_address(path: Path) -> str | None:
         encoded = path.read_bytes()
     except OSError:
         return None
-    return _of_jpeg(encoded) if encoded.startswith(_JPEG) else None
+    return _jpeg_address(encoded) if encoded.startswith(_JPEG) else None
 
 
 def png_address(encoded: bytes) -> str:
@@ -168,7 +168,7 @@ def png_address(encoded: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(encoded).decode('ascii')}"
 
 
-def _of_jpeg(encoded: bytes) -> str:
+def _jpeg_address(encoded: bytes) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(encoded).decode('ascii')}"
 
 
@@ -184,7 +184,7 @@ def _data_address(path: Path, budget_bytes: int) -> str | None:
         encoded = buffer.tobytes()
         if len(encoded) <= budget_bytes:
             break
-    return _of_jpeg(encoded)
+    return _jpeg_address(encoded)
 
 
 def _read(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:

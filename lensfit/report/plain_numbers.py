@@ -21,7 +21,7 @@ def distance_of(plain_mm: float | str | None) -> float | None:
     return None if plain_mm is None else float(plain_mm)
 
 
-def rounded(values: ArrayLike, digits: int) -> list[float | None]:
+def rounded_numbers(values: ArrayLike, digits: int) -> list[float | None]:
     """Each of (values,) to so many decimals; None where it is not finite."""
     return [
         round(float(v), digits) if np.isfinite(v) else None for v in np.asarray(values)

@@ -31,7 +31,7 @@ from lensfit.report.evidence import (
     residuals_of,
 )
 from lensfit.report.heatmap import fall_off_surface, uncertainty
-from lensfit.report.markup import Markup, number, stated, tag
+from lensfit.report.markup import Markup, number, stated_value, tag
 from lensfit.report.plain_numbers import round_up
 from lensfit.report.svg import Axes, Figure, Frame, drawing, path, sensor_frame, words
 
@@ -101,10 +101,13 @@ def coverage(takes: Sequence[dict], size_px: tuple[float, float]) -> list[Figure
     residuals = residuals_of(takes)
     if not len(residuals.points_px) or not all(size_px):
         return []
-    return [_covered(residuals, size_px, len(takes)), _common(residuals, size_px)]
+    return [
+        _coverage_figure(residuals, size_px, len(takes)),
+        _common(residuals, size_px),
+    ]
 
 
-def _covered(
+def _coverage_figure(
     residuals: Residuals, size_px: tuple[float, float], take_count: int
 ) -> Figure:
     frame = Frame((0.0, 0.0), size_px)
@@ -210,7 +213,7 @@ def distortion_grid(entry: dict, camera: dict) -> Figure | None:
     if centre:
         shapes.append(_cross(frame, *centre))
     times = "true to scale" if factor == 1 else f"drawn {factor:g} times too strong"
-    moved = number(largest, "mm", 2) + _in_pixels(largest, camera)
+    moved = number(largest, "mm", 2) + _pixels_text(largest, camera)
     caption = f"A straight grid (pale) as the lens images it, {times}. The farthest "
     caption += f"point moves by {moved}. The cross is the centre of distortion."
     picture = drawing("Distortion grid", *shapes, frame.border(), height=frame.height)
@@ -318,7 +321,7 @@ def _cross(frame: Frame, x_mm: float, y_mm: float) -> Markup:
     return path(x[0] + arm, y[0] + np.array([0.0, 0.0, np.nan, -7.0, 7.0]), "cross")
 
 
-def _in_pixels(length_mm: float, camera: dict) -> str:
+def _pixels_text(length_mm: float, camera: dict) -> str:
     width_mm, width_px = camera.get("sensor_width_mm"), camera.get("image_width_px")
     if not width_mm or not width_px:
         return ""
@@ -378,7 +381,7 @@ def _fall_off_curves(axes: Axes, one: dict, class_: str) -> list[Markup]:
 
 def _stop_name(one: dict) -> str:
     stop = one.get("f_number")
-    return f"f/{stated(round(stop, 1))}" if stop else "f-number not stated"
+    return f"f/{stated_value(round(stop, 1))}" if stop else "f-number not stated"
 
 
 def breathing(curve: dict) -> Figure | None:

@@ -21,7 +21,7 @@ from typing import Any
 from lensfit._strict import read_json_object
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import LensfitError
-from lensfit.preset.store import renamed, with_pupil_shift
+from lensfit.preset.store import with_pupil_shift, with_renamed_keys
 from lensfit.report.blur import blur_section
 from lensfit.report.evidence import corner_deviation_px, numbers, used_takes, value_of
 from lensfit.report.kernels import KernelSheet, kernel_sheets
@@ -293,7 +293,7 @@ def read_report(path: Path) -> dict[str, Any]:
             remedy='give the report.json that "lensfit calibrate" wrote',
         )
     if tables["schema"] == "lensfit.report.1":
-        words = renamed(with_pupil_shift(tables), _KEYS_OF_1, _TEXTS_OF_1)
+        words = with_renamed_keys(with_pupil_shift(tables), _KEYS_OF_1, _TEXTS_OF_1)
         return words | {"schema": SCHEMA}
     return tables
 

@@ -18,7 +18,7 @@ from lensfit.report.markup import (
     Markup,
     number,
     number_with_deviation,
-    stated,
+    stated_value,
     tag,
 )
 from lensfit.report.plain_numbers import distance_of
@@ -91,13 +91,13 @@ def _focal_name(focal_length_mm: float | None) -> str:
     return (
         "Focal length not stated"
         if focal_length_mm is None
-        else stated(focal_length_mm, "mm")
+        else stated_value(focal_length_mm, "mm")
     )
 
 
 def _entry_block(entry: dict, camera: dict) -> Markup:
     focus = entry.get("focus_distance_mm")
-    name = stated(entry.get("focal_length_mm"), "mm")
+    name = stated_value(entry.get("focal_length_mm"), "mm")
     if focus is not None:
         name += f", focused at {distance_text(float(focus))}"
     figures = entry_figures(entry, camera)
@@ -133,8 +133,8 @@ def distance_text(distance_mm: float) -> str:
     if math.isinf(distance_mm):
         return number(distance_mm)
     if distance_mm >= 1000:
-        return stated(distance_mm / 1000, "m")
-    return stated(distance_mm, "mm")
+        return stated_value(distance_mm / 1000, "m")
+    return stated_value(distance_mm, "mm")
 
 
 def table_row(
@@ -161,7 +161,7 @@ def _take_row(index: int, take: dict) -> Markup:
     if take.get("failed"):
         reason = tag("td", f"left out: {take['failed']}", colspan=8, class_="failure")
         return tag("tr", tag("td", link), reason)
-    state = [stated(take.get("focal_length_mm"), "mm"), stop_text(take)]
+    state = [stated_value(take.get("focal_length_mm"), "mm"), stop_text(take)]
     for key in ("focus_distance_mm", "target_distance_mm"):
         state.append(
             NOTHING if take.get(key) is None else distance_text(float(take[key]))
@@ -179,7 +179,7 @@ def take_name(take: dict) -> str:
 def stop_text(take: dict) -> str:
     """The f-number of a take."""
     stop = take.get("f_number")
-    return NOTHING if stop is None else f"f/{stated(round(stop, 1))}"
+    return NOTHING if stop is None else f"f/{stated_value(round(stop, 1))}"
 
 
 def _take_block(
@@ -237,7 +237,7 @@ _ABOUT = (
 
 def terms_section(report: dict) -> Markup:
     """The table of what was modelled and what was left out."""
-    rows = _gathered(report.get("terms") or [])
+    rows = _gathered_terms(report.get("terms") or [])
     if not rows:
         return Markup("")
     several = len({_state(term) for group in rows for term in group} - {""}) > 1
@@ -253,7 +253,7 @@ def terms_section(report: dict) -> Markup:
     )
 
 
-def _gathered(terms: list[dict]) -> list[list[dict]]:
+def _gathered_terms(terms: list[dict]) -> list[list[dict]]:
     """Terms of one name and fate together, those kept first."""
     groups: dict[tuple[str, bool], list[dict]] = {}
     for term in terms:
@@ -302,7 +302,7 @@ def _state(term: dict) -> Markup:
         return Markup("")
     at = f"focused at {distance_text(focus)}"
     if term.get("focal_length_mm") is not None:
-        at = f"{stated(term['focal_length_mm'], 'mm')} {at}"
+        at = f"{stated_value(term['focal_length_mm'], 'mm')} {at}"
     return tag("small", f"{at}: ")
 
 

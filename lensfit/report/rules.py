@@ -20,18 +20,18 @@ from lensfit.report.evidence import (
     error_px,
     extrapolated_corner_px,
     image_size_px,
-    joined,
     numbers,
     pattern_px,
     photographed_corner_px,
     plural,
     residuals_of,
+    sentence_list,
     takes_by_focal,
     unmeasured_focals,
     used_takes,
     value_of,
 )
-from lensfit.report.markup import number, stated
+from lensfit.report.markup import number, stated_value
 
 _MOST_REASONS = 3
 
@@ -43,8 +43,8 @@ def too_few_findings(report: dict) -> Iterator[Finding]:
         focals = [focal for focal, takes in groups.items() if len(takes) == count]
         if not focals:
             continue
-        lengths = [stated(focal, "mm") for focal in focals if focal is not None]
-        place = f" at {joined(lengths)}" if lengths else ""
+        lengths = [stated_value(focal, "mm") for focal in focals if focal is not None]
+        place = f" at {sentence_list(lengths)}" if lengths else ""
         yield Finding(
             "note",
             f"Only {plural(count, 'take')}{place}: too few views to check each other. "
@@ -62,7 +62,7 @@ def failed_findings(report: dict) -> Iterator[Finding]:
         by_reason.setdefault(reason, []).append(f"“{take.get('name')}”")
     for reason, names in list(by_reason.items())[:_MOST_REASONS]:
         were = "was" if len(names) == 1 else "were"
-        yield Finding("caution", f"{joined(names)} {were} left out: {reason}.")
+        yield Finding("caution", f"{sentence_list(names)} {were} left out: {reason}.")
     if len(by_reason) > _MOST_REASONS:
         yield Finding("caution", f"{len(failed)} of {total} takes were left out.")
 
@@ -111,9 +111,9 @@ def focal_length_findings(report: dict) -> Iterator[Finding]:
         )
     stated_only = unmeasured_focals(report)
     if stated_only:
-        lengths = [stated(f, "mm") for f in stated_only if f is not None]
+        lengths = [stated_value(f, "mm") for f in stated_only if f is not None]
         several = len(takes_by_focal(report)) > 1 and lengths
-        place = f" at {joined(lengths)}" if several else ""
+        place = f" at {sentence_list(lengths)}" if several else ""
         yield Finding(
             "note",
             f"The focal length{place} is the stated one, not measured: these views "
@@ -134,7 +134,7 @@ def missing_findings(report: dict) -> Iterator[Finding]:
     if absent:
         yield Finding(
             "note",
-            f"Not measured, and therefore not applied: {joined(absent)}.",
+            f"Not measured, and therefore not applied: {sentence_list(absent)}.",
         )
 
 
@@ -173,7 +173,7 @@ WEAK_CORNER_PX = 0.3
 def map_findings(report: dict) -> Iterator[Finding]:
     """The distortion folds, or does not invert."""
     for entry in report.get("entries") or []:
-        place = f"At {stated(entry.get('focal_length_mm'), 'mm')}"
+        place = f"At {stated_value(entry.get('focal_length_mm'), 'mm')}"
         if entry.get("monotone") is False:
             yield Finding(
                 "bad",
@@ -207,8 +207,8 @@ def coverage_findings(report: dict) -> Iterator[Finding]:
         covered, places = covered_share(counts), empty_places(counts)
         if covered >= 0.9 and not places:
             continue
-        place = f" at {stated(focal, 'mm')}" if several and focal else ""
-        where = f", with gaps {_in_places(places)}" if places else ""
+        place = f" at {stated_value(focal, 'mm')}" if several and focal else ""
+        where = f", with gaps {_places_text(places)}" if places else ""
         yield Finding(
             "caution",
             f"Points cover {covered:.0%} of the frame{place}{where}. The map is "
@@ -225,7 +225,7 @@ def sound_findings(report: dict) -> Iterator[Finding]:
             "good",
             "The points reach all of the frame; the map is known to "
             f"{number(max(known), 'px', 2)} (1σ) in its worst corner"
-            f"{_by_what(report)}; a chart other than stated is not in it.",
+            f"{_largest_share_text(report)}; a chart other than stated is not in it.",
         )
 
 
@@ -237,7 +237,7 @@ _ERRORS = {
 }
 
 
-def _by_what(report: dict) -> str:
+def _largest_share_text(report: dict) -> str:
     """The largest share of the variance in the worst corner, if the report has it."""
     entries = [entry for entry in report["entries"] if entry.get("corner_shares")]
     if not entries:
@@ -247,7 +247,7 @@ def _by_what(report: dict) -> str:
     return f", {share:.0%} of its variance from {_ERRORS[name]}"
 
 
-def _in_places(places: list[str]) -> str:
+def _places_text(places: list[str]) -> str:
     """Where on the frame, with three empty ninths along an edge said as that side."""
     edges = ("left", "right", "top", "bottom")
     sides = [edge for edge in edges if sum(edge in p.split() for p in places) == 3]
@@ -255,14 +255,14 @@ def _in_places(places: list[str]) -> str:
         return "all around the rim"
     corners = [p for p in places if " " in p and not set(p.split()) & set(sides)]
     if sides:
-        return f"at the {joined([f'{side} side' for side in sides] + corners)}"
-    return f"at the {joined(places)}"
+        return f"at the {sentence_list([f'{side} side' for side in sides] + corners)}"
+    return f"at the {sentence_list(places)}"
 
 
 def corner_findings(report: dict) -> Iterator[Finding]:
     """Corners known less well than the rest: photographed ones, then extrapolated."""
     for entry in report.get("entries") or []:
-        place = stated(entry.get("focal_length_mm"), "mm")
+        place = stated_value(entry.get("focal_length_mm"), "mm")
         corner = photographed_corner_px(report, entry)
         if corner > WEAK_CORNER_PX:
             grid = numbers(entry["uncertainty_grid"]["sd_px"])
@@ -292,7 +292,7 @@ def pattern_findings(report: dict) -> Iterator[Finding]:
     least = max(0.05, 0.5 * error_px(report)[0])
     groups = takes_by_focal(report)
     for focal, takes in groups.items():
-        place = f" at {stated(focal, 'mm')}" if len(groups) > 1 and focal else ""
+        place = f" at {stated_value(focal, 'mm')}" if len(groups) > 1 and focal else ""
         shared = pattern_px(residuals_of(takes), size)
         each = [pattern_px(residuals_of([take]), size) for take in takes]
         known = [pattern for pattern in each if not math.isnan(pattern)]

@@ -111,7 +111,7 @@ def verdict_of(report: dict) -> Verdict:
     report : What `calibrate` writes as ``report.json``; `contradictions` may be absent.
     """
     headline, *rest = findings(report)
-    level = _limited(_grade(report).level, report)
+    level = _limited_level(_grade(report).level, report)
     accuracy = _accuracy_px(report)
     covered = least_coverage(report) if used_takes(report) else None
     places = [p for _, counts in counts_by_focal(report) for p in empty_places(counts)]
@@ -165,10 +165,10 @@ def findings(report: dict) -> list[Finding]:
         order = {"bad": 0, "caution": 1, "note": 2, "good": 3}
         rest.sort(key=lambda finding: order[finding.tone])
         return [grade.finding, *rest]
-    level = _limited(grade.level, report)
+    level = _limited_level(grade.level, report)
     order = {"bad": 0, "caution": 1, "note": 2}
     rest.sort(key=lambda finding: order[finding.tone])
-    first, *others = [_of_contradiction(one) for one in contradictions]
+    first, *others = [_contradiction_finding(one) for one in contradictions]
     tone: Tone = "bad" if level == "unusable" else "caution"
     sentence = f"{AT_MOST[level]}: {first.sentence}"
     headline = replace(first, tone=tone, sentence=sentence)
@@ -176,7 +176,7 @@ def findings(report: dict) -> list[Finding]:
     return [headline, *others, *([figure] if grade.said else []), *rest]
 
 
-def _of_contradiction(one: dict) -> Finding:
+def _contradiction_finding(one: dict) -> Finding:
     text, remedy = str(one.get("text")), str(one.get("remedy"))
     sentence = f"{text}; {remedy}."
     return Finding("caution", sentence, str(one.get("kind")), remedy)
@@ -192,7 +192,7 @@ class _Grade:
     said: str = ""
 
 
-def _limited(level: Level, report: dict) -> Level:
+def _limited_level(level: Level, report: dict) -> Level:
     """The level that contradictions leave of one."""
     limits = [str(one.get("limit")) for one in report.get("contradictions") or []]
     ranks = [LEVELS.index(level)]
@@ -227,7 +227,7 @@ def _corners_and_objects_px(report: dict) -> tuple[float, float]:
     return float(corner), float(objects)
 
 
-def _graded(level: Level, tone: Tone, sentence: str, said: str = "") -> _Grade:
+def _grade_of(level: Level, tone: Tone, sentence: str, said: str = "") -> _Grade:
     return _Grade(level, Finding(tone, sentence, "grade"), said)
 
 
@@ -236,18 +236,18 @@ def _grade(report: dict) -> _Grade:
     entries = report.get("entries") or []
     if not used_takes(report):
         nothing = "No photograph could be used: there is no calibration."
-        return _graded("unusable", "bad", nothing)
+        return _grade_of("unusable", "bad", nothing)
     if math.isnan(error):
         nothing = "Not usable yet: the report holds no error at all."
-        return _graded("unusable", "bad", nothing)
+        return _grade_of("unusable", "bad", nothing)
     if any(entry.get("monotone") is False for entry in entries):
         folded = "Not usable yet: the distortion folds inside the frame."
-        return _graded("unusable", "bad", folded)
+        return _grade_of("unusable", "bad", folded)
     said = (
         f"{whose} land within {number(error, 'px', 2)} rms of where the lens puts them."
     )
     if error <= ROUGH_PX:
-        partial = _of_part(report, said) or _of_few(report, said)
+        partial = _partial_use_grade(report, said) or _few_views_grade(report, said)
         if partial is not None:
             return partial
     worst = _judged_px(report)
@@ -259,17 +259,17 @@ def _grade(report: dict) -> _Grade:
             "target_distance_mm are right, which these views cannot check (tilt the "
             f"chart by 20° in two more): {said}"
         )
-        return _graded("undistortion", "caution", ready, said)
+        return _grade_of("undistortion", "caution", ready, said)
     if worst <= PRECISE_PX:
         ready = f"Ready for measurement, match-moving and CG: {said}"
-        return _graded("measurement", "good", ready, said)
+        return _grade_of("measurement", "good", ready, said)
     if worst <= GOOD_PX:
         ready = f"Ready for match-moving and CG compositing: {said}"
-        return _graded("match-moving", "good", ready, said)
+        return _grade_of("match-moving", "good", ready, said)
     if worst <= ROUGH_PX:
         soft = f"Good enough for soft or moving CG, not for measurement: {said}"
-        return _graded("look", "caution", soft, said)
-    return _graded("unusable", "bad", f"Not usable yet: {said}", said)
+        return _grade_of("look", "caution", soft, said)
+    return _grade_of("unusable", "bad", f"Not usable yet: {said}", said)
 
 
 def _with_corners(report: dict, error: float, said: str) -> str:
@@ -289,7 +289,7 @@ def _with_corners(report: dict, error: float, said: str) -> str:
     return said
 
 
-def _of_part(report: dict, said: str) -> _Grade | None:
+def _partial_use_grade(report: dict, said: str) -> _Grade | None:
     """Where most photographs, or much of the frame, were not used."""
     used, shot = len(used_takes(report)), len(report.get("takes") or [])
     if 2 * used < shot:
@@ -297,18 +297,18 @@ def _of_part(report: dict, said: str) -> _Grade | None:
             f"Only {used} of {shot} photographs agree with what the shoot file states; "
             f"do not rely on them before the others are mended: {said}"
         )
-        return _graded("look", "caution", few, said)
+        return _grade_of("look", "caution", few, said)
     covered = least_coverage(report)
     if covered < WHOLE_COVERAGE:
         part = (
             f"Usable where the points are, {covered:.0%} of the frame, and "
             f"extrapolated elsewhere: {said}"
         )
-        return _graded("undistortion", "caution", part, said)
+        return _grade_of("undistortion", "caution", part, said)
     return None
 
 
-def _of_few(report: dict, said: str) -> _Grade | None:
+def _few_views_grade(report: dict, said: str) -> _Grade | None:
     """Where too few views of a focal length are there to check each other."""
     counts = [len(takes) for takes in takes_by_focal(report).values()]
     if not counts or min(counts) >= FEWEST_VIEWS:

@@ -40,7 +40,7 @@ def wipe_figures(
     return tag(
         "div",
         _wipe(name, photograph, model, _caption(said)),
-        _left(name, left, said),
+        _residual_picture(name, left, said),
         class_="trio",
     )
 
@@ -93,7 +93,7 @@ def _share(part: float) -> str:
     return "more than 99.999%"
 
 
-def _left(name: str, address: str, said: dict) -> Markup:
+def _residual_picture(name: str, address: str, said: dict) -> Markup:
     picture = tag("img", src=address, alt=f"Photograph minus model, {name}")
     label = f"Enlarge the residual of {name}"
     button = tag("button", picture, type="button", class_="zoom", aria_label=label)

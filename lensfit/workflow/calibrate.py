@@ -150,7 +150,7 @@ def calibrate_observed(
         # What is stated of exchanged photographs is of others.
         if not any(one.kind == "exchanged" for one in targets):
             contradictions += contradictions_of_views(takes)
-        fitted = _fitted(takes, contradictions, progress, effort)
+        fitted = _fit_lens(takes, contradictions, progress, effort)
         contradictions += contradictions_of_fit(takes, fitted)
         contradictions += contradicted_by_fit(fitted.states, contradictions)
     with stopwatch() as writing, ThreadPoolExecutor(1) as pool:
@@ -176,7 +176,7 @@ def calibrate_observed(
     return report
 
 
-def _fitted(
+def _fit_lens(
     takes: list[View],
     contradictions: list[Contradiction],
     progress: Progress,
@@ -261,8 +261,8 @@ def _report(
         "camera_sharpening": _sharpening_facts(observed),
         "created": preset.provenance.created,
         "versions": dict(preset.provenance.versions),
-        "rms_px": _pooled(used, "rms_px"),
-        "held_out_rms_px": _pooled(used, "held_out_rms_px"),
+        "rms_px": _pooled_rms(used, "rms_px"),
+        "held_out_rms_px": _pooled_rms(used, "held_out_rms_px"),
         "points_detected": sum(t["points_detected"] or 0 for t in takes),
         "points_used": sum(t["points_used"] or 0 for t in takes),
         "notes": _notes(shoot, observed, fitted),
@@ -294,7 +294,7 @@ def _report(
     }
 
 
-def _pooled(takes: list[dict[str, Any]], key: str) -> float:
+def _pooled_rms(takes: list[dict[str, Any]], key: str) -> float:
     """Root mean square over the points of all takes."""
     squares = [t["points_used"] * t[key] ** 2 for t in takes]
     return float(np.sqrt(sum(squares) / max(sum(t["points_used"] for t in takes), 1)))

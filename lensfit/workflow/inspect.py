@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lensfit.chart.layout import described
+from lensfit.chart.layout import pattern_description
 from lensfit.chart.pattern import Pattern
 from lensfit.coords import Window
 from lensfit.detect.chart_code import read_chart_code
@@ -154,7 +154,9 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
         source = "its file" if inspection.format == "raw" else "its noise"
         lines.append(("mosaic", inspection.mosaic, source))
     if inspection.chart is not None:
-        lines.append(("chart", ", ".join(described(inspection.chart)), "its code"))
+        lines.append(
+            ("chart", ", ".join(pattern_description(inspection.chart)), "its code")
+        )
     return lines + camera_rows(inspection.camera)
 
 

@@ -245,7 +245,7 @@ def write_moving_stmaps(
     progress("UV maps", 0, len(states))
     for done, one in enumerate(states, 1):
         if one.key in made:
-            written.paths += [_copied(p, one.number) for p in made[one.key]]
+            written.paths += [_copy_of_map(p, one.number) for p in made[one.key]]
         else:
             maps = write_stmaps(
                 one.lens,
@@ -318,7 +318,7 @@ def _colour_px(one: _MapState) -> float:
     return max(lateral_colour_px(one.lens, geometry, frame.data_window))
 
 
-def _copied(source: Path, number: int | None) -> Path:
+def _copy_of_map(source: Path, number: int | None) -> Path:
     """The same map under the number of another frame."""
     assert number is not None
     stem = source.stem.rpartition(".")[0]

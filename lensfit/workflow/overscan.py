@@ -251,7 +251,7 @@ def _states(preset: Preset, question: OverscanQuestion) -> list[_LensState]:
     """Focal lengths and focus distances to be tried."""
     measured = sorted({e.focal_length_mm for e in preset.entries})
     found = []
-    for focal in _tried(measured, question.focal_length_mm, np.linspace):
+    for focal in _values_to_try(measured, question.focal_length_mm, np.linspace):
         scaled = UNSCALED
         if question.scale_to_sensor:
             scaled = scaled_look(preset, focal, question.sensor_width_mm)
@@ -274,7 +274,7 @@ def _focus_tried(
         span = low / scaled.distances, high / scaled.distances
     elif len(entries) == len({e.focal_length_mm for e in entries}):
         return [None]
-    return _tried(measured, span, _between_in_dioptres)
+    return _values_to_try(measured, span, _evenly_in_dioptres)
 
 
 def _widths_mm(
@@ -297,7 +297,7 @@ def _widths_mm(
     return widths, list(dict.fromkeys(notes))
 
 
-def _tried(
+def _values_to_try(
     measured: list[float], span: Span | None, between: Callable[..., Iterable[float]]
 ) -> list[float]:
     """Values at the ends of a range, at what was measured in it, and between."""
@@ -309,7 +309,7 @@ def _tried(
     return sorted(found)
 
 
-def _between_in_dioptres(low_mm: float, high_mm: float, count: int) -> list[float]:
+def _evenly_in_dioptres(low_mm: float, high_mm: float, count: int) -> list[float]:
     ends = dioptres_from_mm(low_mm), dioptres_from_mm(high_mm)
     if ends[0] == ends[1]:
         return [low_mm] * count

@@ -5,7 +5,7 @@ import pytest
 
 from lensfit.chart.coverage import disc_area, paint
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer
-from lensfit.chart.layout import lettered, width_per_em
+from lensfit.chart.layout import text_outline, width_per_em
 
 
 def drawing(*layers: Layer) -> Drawing:
@@ -49,7 +49,7 @@ def test_boxes_and_crossing_lines_are_exact():
 
 
 def test_letters_cover_the_same_area_at_every_resolution():
-    outline = lettered("O8mm", 2.0, 11.0, 5.0)
+    outline = text_outline("O8mm", 2.0, 11.0, 5.0)
     areas = [
         float(paint(drawing(Layer(WHITE, outlines=(outline,))), p).sum()) * p**2
         for p in (0.05, 0.5)

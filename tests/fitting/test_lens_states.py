@@ -10,7 +10,7 @@ import pytest
 from pinhole_shoot import Camera, shoot
 
 from lensfit.errors import FitError
-from lensfit.fitting.chart_view import grouped
+from lensfit.fitting.chart_view import views_by_state
 from lensfit.fitting.lens_state import more_accurate_state
 from lensfit.fitting.lens_states import fit
 
@@ -25,7 +25,7 @@ def _focused(*distances_mm: float | None):
 
 
 def test_focus_that_no_barrel_tells_apart_is_one_state():
-    states = grouped(_focused(2000.0, 900.0, 2001.0))
+    states = views_by_state(_focused(2000.0, 900.0, 2001.0))
     assert [[t.name for t in state] for state in states] == [
         ["view 0", "view 2"],
         ["view 1"],
@@ -33,7 +33,7 @@ def test_focus_that_no_barrel_tells_apart_is_one_state():
 
 
 def test_infinity_is_a_state_of_its_own():
-    assert len(grouped(_focused(float("inf"), float("inf"), 2000.0))) == 2
+    assert len(views_by_state(_focused(float("inf"), float("inf"), 2000.0))) == 2
 
 
 def test_focus_stated_for_some_takes_only_is_refused_by_name():

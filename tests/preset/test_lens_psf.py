@@ -23,7 +23,7 @@ from lensfit.preset.blocks import (
 )
 from lensfit.preset.entry import Entry
 from lensfit.psf.lens_blur import LensBlur
-from lensfit.psf.lens_psf import _on_pixels, _pencils, _ray_turns
+from lensfit.psf.lens_psf import _patches_with_rays, _pencils, _ray_turns
 
 SIZE = 64
 FOCUS_MM = 2000.0
@@ -273,7 +273,7 @@ def programs() -> tuple[int, int, int]:
     """How many were compiled: of points, of rays, of pixels."""
     points, rays, pixels = (
         made._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
-        for made in (_pencils, _ray_turns, _on_pixels)
+        for made in (_pencils, _ray_turns, _patches_with_rays)
     )
     return points, rays, pixels
 

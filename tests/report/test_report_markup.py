@@ -8,7 +8,7 @@ from lensfit.report.markup import (
     Markup,
     number,
     number_with_deviation,
-    stated,
+    stated_value,
     tag,
 )
 from lensfit.report.plain_numbers import round_up
@@ -51,9 +51,9 @@ def test_value_is_rounded_to_its_deviation(value, deviation, text):
 
 
 def test_stated_values_gain_no_digits():
-    assert stated(50.0, "mm") == f"50{THIN}mm"
-    assert stated(1.4) == "1.4"
-    assert stated(math.inf, "m") == f"∞{THIN}m"
+    assert stated_value(50.0, "mm") == f"50{THIN}mm"
+    assert stated_value(1.4) == "1.4"
+    assert stated_value(math.inf, "m") == f"∞{THIN}m"
 
 
 def test_strings_are_escaped_and_markup_is_not():

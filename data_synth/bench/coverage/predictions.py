@@ -34,7 +34,12 @@ from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at
-from lensfit.optics.many_points import displaced, distort, illuminate, undistort
+from lensfit.optics.many_points import (
+    displaced_positions_mm,
+    distort,
+    illuminate,
+    undistort,
+)
 from lensfit.optics.map_deviations import pose_moves
 
 
@@ -185,7 +190,7 @@ def _colour(
         return Prediction(0 * true, 0 * true, true)
     colour, d = state.colour[channel], state.distortion
     shift = colour.optics()
-    moved = in_batches(lambda p: displaced(p, d, shift), green, _BATCH)
+    moved = in_batches(lambda p: displaced_positions_mm(p, d, shift), green, _BATCH)
     radius_mm = float(d.reference_radius_mm)
     q = (green - np.asarray(d.principal_point_mm)) / radius_mm
     known = colour.deviations(q).reshape(-1) * radius_mm

@@ -72,7 +72,7 @@ def handed_options(
     found: list[HandedOption] = []
     for option in _parameters_as_typed(command):
         if option.name in values:
-            found += _handed(option, values[option.name])
+            found += _handed_options(option, values[option.name])
     return tuple(found)
 
 
@@ -83,7 +83,7 @@ def _parameters_as_typed(command: Callable[..., None]) -> list[Any]:
     return list(typer.main.get_command(alone).params)
 
 
-def _handed(option: Any, value: Any) -> list[HandedOption]:
+def _handed_options(option: Any, value: Any) -> list[HandedOption]:
     words = [w for w in option.opts if w.startswith("--")]
     if value is None or value == option.default:
         return []
@@ -91,11 +91,11 @@ def _handed(option: Any, value: Any) -> list[HandedOption]:
         return [HandedOption((words if value else option.secondary_opts)[0], ())]
     each = value if option.multiple else [value]
     return [
-        HandedOption(words[0], tuple(_plain(v) for v in _listed(one))) for one in each
+        HandedOption(words[0], tuple(_plain(v) for v in _as_list(one))) for one in each
     ]
 
 
-def _listed(value: Any) -> Sequence[Any]:
+def _as_list(value: Any) -> Sequence[Any]:
     return value if isinstance(value, (list, tuple)) else [value]
 
 

@@ -43,7 +43,7 @@ def _option(
     if meta.ge is not None and meta.le is not None:
         text += f" ({meta.ge:g} to {meta.le:g})"
         number = _parser(kind, meta.ge, meta.le)
-        parser = _accepted(number, struct, knob.name)
+        parser = _accepted_number(number, struct, knob.name)
         more = {"parser": parser, "metavar": _WORDS[kind]}
     option = typer.Option(help=text, rich_help_panel=panel, **more)
     return Annotated[kind | None, option]
@@ -70,7 +70,7 @@ def _parser(
     return parse
 
 
-def _accepted(
+def _accepted_number(
     number: Callable[[str], int | float], struct: type[msgspec.Struct], name: str
 ) -> Callable[[str], int | float]:
     """A number that the knobs take; what they refuse is wrong usage, too."""
@@ -91,12 +91,12 @@ def _kind(annotation: Any) -> tuple[Any, msgspec.Meta]:
     found = msgspec.Meta()
     while (arguments := get_args(annotation)) and annotation is not None:
         if get_origin(annotation) is Annotated:
-            found = _joined(found, arguments[1:])
+            found = _joined_limits(found, arguments[1:])
         annotation = next(a for a in arguments if a is not type(None))
     return annotation, found
 
 
-def _joined(found: msgspec.Meta, more: tuple[Any, ...]) -> msgspec.Meta:
+def _joined_limits(found: msgspec.Meta, more: tuple[Any, ...]) -> msgspec.Meta:
     for meta in more:
         found = msgspec.Meta(
             ge=meta.ge if found.ge is None else found.ge,

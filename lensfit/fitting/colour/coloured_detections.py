@@ -64,11 +64,11 @@ def colour_takes(takes: tuple[View, ...], left_out: LeftOut) -> list[View]:
     """The takes at the smallest aperture that has enough detections in colour, and all
     that have detections at chief rays."""
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
-    least = _at_smallest_aperture(coloured, left_out)
+    least = _views_at_smallest_aperture(coloured, left_out)
     return [t for t in coloured if t.chief_rays or any(t is one for one in least)]
 
 
-def _at_smallest_aperture(coloured: list[View], left_out: LeftOut) -> list[View]:
+def _views_at_smallest_aperture(coloured: list[View], left_out: LeftOut) -> list[View]:
     for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
         takes_there = [t for t in coloured if (t.f_number or 0.0) == number]
         usable = sum(_usable(t.observations, left_out) for t in takes_there)

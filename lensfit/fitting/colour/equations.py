@@ -112,7 +112,9 @@ class NormalEquations(NamedTuple):
         ----------
         besides, terms : How many lopsided and how many radial ones.
         """
-        free = np.append(self._used(besides, terms), np.ones(len(self._moves), bool))
+        free = np.append(
+            self._free_coefficients(besides, terms), np.ones(len(self._moves), bool)
+        )
         matrix = self.matrix[np.ix_(free, free)]
         beta, covariance = np.zeros(len(free)), np.zeros((len(free),) * 2)
         beta[free] = np.linalg.solve(matrix, self.vector[free])
@@ -123,7 +125,10 @@ class NormalEquations(NamedTuple):
         self, besides: int, terms: int, moves: Float[np.ndarray, " moves"]
     ) -> float:
         """Weighted sum of squares with some of the terms, the moves held."""
-        used, held = np.flatnonzero(self._used(besides, terms)), self._moves
+        used, held = (
+            np.flatnonzero(self._free_coefficients(besides, terms)),
+            self._moves,
+        )
         left = self.vector - self.matrix[:, held] @ moves
         beta = np.linalg.solve(self.matrix[np.ix_(used, used)], left[used])
         of_moves = moves @ (self.vector[held] + left[held] + moves)
@@ -133,7 +138,7 @@ class NormalEquations(NamedTuple):
     def _moves(self) -> Int[np.ndarray, " moves"]:
         return np.arange(self.states * TERMS, len(self.vector))
 
-    def _used(self, besides: int, terms: int) -> np.ndarray:
+    def _free_coefficients(self, besides: int, terms: int) -> np.ndarray:
         """Which coefficients of all states are free."""
         used = np.zeros(TERMS, bool)
         used[:besides] = True
@@ -181,10 +186,10 @@ def normal_equations(states: Sequence[Equations]) -> NormalEquations:
     weight = [1 / (one.variance + (_FIRST_SCALE_PX * one.px) ** 2) for one in states]
     share = _USUAL_SHARE
     for _ in range(_ROUNDS):
-        share = _most_likely_share(_weighted(states, weight, 1.0), states)
-        left = _left_of(states, _weighted(states, weight, share), share)
+        share = _most_likely_share(_weighted_equations(states, weight, 1.0), states)
+        left = _left_of(states, _weighted_equations(states, weight, share), share)
         weight = [_robust(*part) for part in zip(states, left, strict=True)]
-    return _weighted(states, weight, share)
+    return _weighted_equations(states, weight, share)
 
 
 def _left_of(
@@ -250,7 +255,7 @@ def systematic_of(
     return systematic_covariance(matrix, np.full(len(matrix), _TINY), explained)
 
 
-def _weighted(
+def _weighted_equations(
     states: Sequence[Equations], weight: list[np.ndarray], share: float
 ) -> NormalEquations:
     """Coefficients of a state meet those of others only through the moves.

@@ -184,7 +184,7 @@ class FallOffFit:
         """Standard deviation of the relative illumination of r, g and b."""
         terms = self.terms_at(radius_mm)
         loss = terms @ self.control.T
-        return np.exp(-loss.T) * self._of_terms(terms)
+        return np.exp(-loss.T) * self._deviation_of_terms(terms)
 
     def deviation_about_mean(
         self, radius_mm: Float[np.ndarray, " points"]
@@ -192,7 +192,7 @@ class FallOffFit:
         """Standard deviation of the logarithm of the illumination, less its mean over
         these points: what no exposure would undo."""
         terms = self.terms_at(radius_mm)
-        return self._of_terms(terms - terms.mean(0))
+        return self._deviation_of_terms(terms - terms.mean(0))
 
     def terms_at(
         self, radius_mm: Float[np.ndarray, " points"]
@@ -201,7 +201,7 @@ class FallOffFit:
         s = (radius_mm / self.valid_radius_mm) ** 2
         return continued_bernstein(s, self.control.shape[1])
 
-    def _of_terms(self, terms: np.ndarray) -> np.ndarray:
+    def _deviation_of_terms(self, terms: np.ndarray) -> np.ndarray:
         variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
         return np.sqrt(np.maximum(variance, 0.0))
 
@@ -238,7 +238,7 @@ def reach(detected: float, frame: float) -> float:
     return max(detected, min(frame, _FARTHEST * detected))
 
 
-def beyond_detections(
+def expected_beyond_detections(
     control: Float[np.ndarray, " terms"],
     covariance: Float[np.ndarray, "terms terms"],
     end: float,
@@ -303,7 +303,7 @@ def fit_brightness(
     if end_mm2 == edge_mm2:
         return alone
     expected = [
-        beyond_detections(control, covariance, end_mm2 / edge_mm2)
+        expected_beyond_detections(control, covariance, end_mm2 / edge_mm2)
         for control, covariance in zip(alone.control, alone.covariance, strict=True)
     ]
     return _selected_fall_off(number, detections, end_mm2, expected)
@@ -345,19 +345,19 @@ def with_terms(
             values,
             detections.take,
             _LEAST_SCATTER,
-            _expected(beyond, edge, terms),
+            _expected_differences(beyond, edge, terms),
             SYSTEMATIC,
         )
         for values, beyond in zip(detections.brightness.T, expected, strict=True)
     ]
-    fit = _summed(number, found, terms, float(np.sqrt(limit_mm2)))
+    fit = _fit_of_steps(number, found, terms, float(np.sqrt(limit_mm2)))
     deviance = sum(one.deviance for one in found)
     # Steps of zero were held there: they are no freedom of the fit.
     free = sum(int((one.solution > 0).sum()) for one in found)
     return fit, deviance + free * np.log(len(detections.squared_mm2))
 
 
-def _summed(
+def _fit_of_steps(
     number: float | None, found: list[NonNegative], terms: int, radius_mm: float
 ) -> FallOffFit:
     """Control values are sums of steps."""
@@ -377,7 +377,7 @@ def _steps(
     return -np.cumsum(continued_bernstein(s, terms)[:, ::-1], axis=1)[:, ::-1]
 
 
-def _expected(beyond: Beyond, edge: float, terms: int) -> Expected:
+def _expected_differences(beyond: Beyond, edge: float, terms: int) -> Expected:
     """`beyond` as differences from the outermost detection, which is at s of `edge`."""
     design = _steps(beyond.squared * edge, terms) - _steps(np.array([edge]), terms)
     return Expected(design, -beyond.falls, beyond.deviation, beyond.covariance)

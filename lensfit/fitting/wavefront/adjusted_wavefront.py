@@ -95,7 +95,7 @@ def _with_whole_light(
     seen = take.observations
     if not seen.bright:
         return take
-    _, every = _of_every_mark(photograph, shares)
+    _, every = _values_at_every_mark(photograph, shares)
     channels = seen.flux.shape[1]
     own = np.take_along_axis(every, seen.family[:, None, None], 2)[..., 0]
     own = own if channels == len(CHANNELS) else own[:, _GREEN : _GREEN + 1]
@@ -124,7 +124,7 @@ def takes_with_shared_moves(
     distinct = list(dict.fromkeys(settings))
     left, moved = iter(zip(takes, settings, strict=True)), []
     unsure = 1.0 if found.dot_data.of_one_setting else _BIAS_UNCERTAINTY
-    for dot_data in _photographed(found):
+    for dot_data in _dot_data_of_photographs(found):
         bias_mm = smooth_centroid_biases_mm(found.stage, dot_data)
         parts = [moves_of(dot_data), unsure * bias_mm[:, None]]
         each_mm = np.concatenate(parts, 1)
@@ -146,20 +146,20 @@ def _moves_of_marks(
     photograph: DotPhotograph, moves_mm: Float[np.ndarray, "dots moves 3 2"]
 ) -> Float[np.ndarray, "moves 3 marks 2"]:
     """Moves of every mark; zero where they are not known."""
-    rows, known_mm = _of_every_mark(photograph, moves_mm)
+    rows, known_mm = _values_at_every_mark(photograph, moves_mm)
     marks = len(photograph.take.observations)
     found = np.zeros((moves_mm.shape[1], 3, marks, 2))
     found[:, :, rows] = known_mm.transpose(1, 2, 0, 3)
     return found
 
 
-def _photographed(found: WavefrontFit) -> list[DotData]:
+def _dot_data_of_photographs(found: WavefrontFit) -> list[DotData]:
     """Of the photographs of the fit, and then of those that were not fitted."""
     every = [found.dot_data, found.unfitted]
     return [dot_data for dot_data in every if dot_data is not None]
 
 
-def _of_every_mark(
+def _values_at_every_mark(
     photograph: DotPhotograph, values: Float[np.ndarray, "dots *shape"]
 ) -> tuple[Int[np.ndarray, " marks"], Float[np.ndarray, "marks *shape"]]:
     """Which marks values are known of, and the values: of dots of those with a dot
@@ -184,7 +184,7 @@ def _take_at_chief_rays(
     take = photograph.take
     observations = take.observations
     error_mm = np.stack([bias_mm, aliasing.centroid_error_mm], 1)
-    rows, error_mm = _of_every_mark(photograph, error_mm)
+    rows, error_mm = _values_at_every_mark(photograph, error_mm)
     bias_px = error_mm[:, 0] / take.pixel_mm
     apart = bias_px + error_mm[:, 1] / take.pixel_mm
     points = observations.points_px.copy()
@@ -224,7 +224,7 @@ def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     moves = np.concatenate([moves, colours])
     takes = [
         take
-        for dot_data in _photographed(found)
+        for dot_data in _dot_data_of_photographs(found)
         for take in chief_ray_takes(stage, dot_data, keep_centroids=of_one_setting)
     ]
 

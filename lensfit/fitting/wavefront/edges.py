@@ -58,7 +58,7 @@ def square_transfers(
         larger = (line[..., 0] + line[..., 1]) * kept / 2
         if (board := markers[k]) is None:
             return bright, larger
-        dark, edges = _of_markers(board, sides, ramp)
+        dark, edges = _marker_areas(board, sides, ramp)
         return bright - dark * kept, larger + edges * kept / 2
 
     return _drawn_in_sides(square_cells, picture, period, most)
@@ -212,7 +212,7 @@ def _across_edges(
     return wave, (np.abs(off) < ramp) / (2 * ramp)
 
 
-def _of_markers(
+def _marker_areas(
     markers: MarkerBoard,
     sides: Float[np.ndarray, "*shape 2"],
     ramp: Float[np.ndarray, "2"],

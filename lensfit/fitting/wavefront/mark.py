@@ -73,11 +73,13 @@ def detected_point_offsets_mm(
         return jax.lax.cond(
             _is_line(dot),
             lambda spot: _line_of(spot, dot, traced.window_mm).offset_mm,
-            lambda spot: _point_on_image_mm(_drawn(spot, dot, transfer)[0], dot),
+            lambda spot: _point_on_image_mm(
+                _image_and_pullback(spot, dot, transfer)[0], dot
+            ),
             traced.spot,
         )
 
-    return _of_channels(offset_mm, parameters, dot, wavelengths_nm, layout, scale)
+    return _map_over_channels(offset_mm, parameters, dot, wavelengths_nm, layout, scale)
 
 
 def detected_point_offset_slopes_mm(
@@ -97,7 +99,7 @@ def detected_point_offset_slopes_mm(
             lambda: _drawn_slopes_mm(traced, dot, transfer),
         )
 
-    return _of_channels(slopes_mm, parameters, dot, wavelengths_nm, layout, scale)
+    return _map_over_channels(slopes_mm, parameters, dot, wavelengths_nm, layout, scale)
 
 
 def line_light_shares(
@@ -119,10 +121,10 @@ def line_light_shares(
     def share(traced: _Traced) -> Array:
         return _line_of(traced.spot, dot, traced.window_mm).light_share
 
-    return _of_channels(share, parameters, dot, wavelengths_nm, layout, scale)
+    return _map_over_channels(share, parameters, dot, wavelengths_nm, layout, scale)
 
 
-def _of_channels(
+def _map_over_channels(
     function: Callable[[_Traced], Array],
     parameters: Array,
     dot: Dots,
@@ -192,7 +194,7 @@ def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
 def _drawn_slopes_mm(
     traced: _Traced, dot: Dots, transfer: Transfer
 ) -> Float[Array, "2 parameters"]:
-    image, to_spot = _drawn(traced.spot, dot, transfer)
+    image, to_spot = _image_and_pullback(traced.spot, dot, transfer)
     found, to_image = jax.vjp(lambda image: _point_on_image_mm(image, dot), image)
 
     def along(axis: Array) -> Array:
@@ -219,7 +221,7 @@ def _point_on_image_mm(
     return jax.lax.cond(broad.window_cells > 0, corner, disc, image) * cell_mm
 
 
-def _drawn(
+def _image_and_pullback(
     spot: Spot, dot: Dots, transfer: Transfer
 ) -> tuple[Float[Array, "cells cells"], Callable[[Array], Spot]]:
     """The image on a patch whose middle is where the chief ray lands, and from a

@@ -218,18 +218,18 @@ def _rival(best: Candidate, found: list[Candidate]) -> Candidate | None:
 
 
 def _is_same(one: Candidate, other: Candidate) -> bool:
-    mine, theirs, least = _compared(one, other)
+    mine, theirs, least = _comparable_defocus(one, other)
     return bool(np.abs(mine - theirs).max() <= least)
 
 
 def _is_across(one: Candidate, other: Candidate) -> bool:
     """Whether some take lies on the other side of focus."""
-    mine, theirs, least = _compared(one, other)
+    mine, theirs, least = _comparable_defocus(one, other)
     opposite = np.sign(mine) != np.sign(theirs)
     return bool(np.any(opposite & (np.minimum(abs(mine), abs(theirs)) > least)))
 
 
-def _compared(
+def _comparable_defocus(
     one: Candidate, other: Candidate
 ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"], float]:
     """Defocus of both, and the difference that does not count."""

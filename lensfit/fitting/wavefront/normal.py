@@ -148,7 +148,7 @@ def _pass_of_core(
         dot = jax.tree.map(lambda a: a[k], single.dots)
         pixels = jax.tree.map(lambda a: a[k], single.pixels)
         transfer = jax.tree.map(lambda a: a[k], single.transfer)
-        found, gradient = _of_dot(
+        found, gradient = _patches_of_dot(
             numbers, dot, pixels, transfer, single, layout, points
         )
         fold = pixels.fold
@@ -192,7 +192,7 @@ def _total(of_channels: Array) -> Array:
     return jnp.sum(of_channels.astype(jnp.float64), 0)
 
 
-def _of_dot(
+def _patches_of_dot(
     parameters: Array,
     dot: Dots,
     pixels: Pixels,

@@ -110,7 +110,7 @@ def equations_of(
     residual = target - nuisance_design @ values
     design = bright * _design(design_rays, variance_mm2, design_basis)
     coupling = nuisance_design.T @ (w[:, None] * design)
-    follows = _solved(nuisance.inner, coupling)
+    follows = _scaled_solution(nuisance.inner, coupling)
     # The design projected off the nuisance, not a difference of matrices: that would
     # lose its smallest eigenvalues in single precision.
     projected = design - nuisance_design @ follows
@@ -177,14 +177,14 @@ def _best_nuisance(
     if nuisance_prior is None:
         none = jnp.zeros((), w.dtype)
         free = jnp.zeros(len(inner), w.dtype)
-        return _Nuisance(inner, free, _solved(inner, seen), none, none)
-    bright = _solved(inner[:-1, :-1], seen[:-1])[0]
+        return _Nuisance(inner, free, _scaled_solution(inner, seen), none, none)
+    bright = _scaled_solution(inner[:-1, :-1], seen[:-1])[0]
     by_size, by_place = (
         1 / jnp.maximum((bright * d) ** 2, _DARKEST) for d in nuisance_prior
     )
     precision = jnp.zeros(len(inner), w.dtype).at[2:4].set(by_place).at[-1].set(by_size)
     inner = inner + jnp.diag(precision)
-    values = _solved(inner, seen)
+    values = _scaled_solution(inner, seen)
     size_excess = values[-1] / _not_zero(values[0])
     return _Nuisance(
         inner, precision, values, size_excess, jnp.sum(precision * values**2)
@@ -198,7 +198,7 @@ def _not_zero(bright: Array) -> Array:
 
 def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:
     """d light / d brightness, background and both shifts: (cells^2, 4)."""
-    drawn = jnp.stack([image_of(spot, profile), *_shifted(spot, profile)])
+    drawn = jnp.stack([image_of(spot, profile), *_shift_slopes(spot, profile)])
     image, across, down = basis.cell_light(drawn).reshape(3, -1)
     return jnp.stack([image, jnp.ones_like(image), across, down], -1)
 
@@ -266,14 +266,14 @@ def spot_gradient_of(
     )
 
 
-def _shifted(spot: Spot, profile: Profile) -> tuple[Array, Array]:
+def _shift_slopes(spot: Spot, profile: Profile) -> tuple[Array, Array]:
     """d image / d shift right and down."""
     across = (profile.rows * spot.weight[None]) @ profile.columns_moved.T
     down = (profile.rows_moved * spot.weight[None]) @ profile.columns.T
     return across, down
 
 
-def _solved(inner: Array, right: Array) -> Array:
+def _scaled_solution(inner: Array, right: Array) -> Array:
     """inner^-1 right, scaled so that float32 does."""
     size = jnp.sqrt(jnp.diagonal(inner))
     size = jnp.where(size > 0, size, 1.0)

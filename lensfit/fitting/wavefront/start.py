@@ -174,7 +174,11 @@ def first_rims(
     control = jnp.asarray(fall_off.control[1])
     seen = np.exp(-np.asarray(jax.vmap(log_loss, (0, None))(squared, control)))
     grid = np.array([(r, a) for r in _RIM_RADII for a in _RIM_SHIFTS])
-    lit = np.asarray(_lit(jnp.asarray(grid), jnp.asarray(radius_mm / field_radius_mm)))
+    lit = np.asarray(
+        _relative_illumination(
+            jnp.asarray(grid), jnp.asarray(radius_mm / field_radius_mm)
+        )
+    )
     # Natural fall-off comes on top: a smooth loss that grows as the square.
     loss = np.log(np.maximum(lit, 1e-3)) - np.log(seen)
     shape = (radius_mm / radius_mm[-1]) ** 2
@@ -184,7 +188,7 @@ def first_rims(
 
 
 @jax.jit
-def _lit(rims, h):
+def _relative_illumination(rims, h):
     """Relative illumination of each pair of rims at each field height."""
 
     def one(rim, height):

@@ -139,7 +139,7 @@ def _fall_off_statement(dot_data: DotData) -> FallOffStatement:
     known = [*known[:1], *known[1:][-(_FALL_OFFS - 1) :]]
     for k, one in enumerate(known):
         here = slice(k * _FALL_OFF_POINTS, (k + 1) * _FALL_OFF_POINTS)
-        height[here], light[here], terms = _sampled(one, dot_data)
+        height[here], light[here], terms = _samples_of(one, dot_data)
         loss[here] = terms @ one.fit.control[_GREEN]
         covariance[here, here] = terms @ one.fit.covariance[_GREEN] @ terms.T
         radius[here] = widest / one.f_number
@@ -151,7 +151,7 @@ def _fall_off_statement(dot_data: DotData) -> FallOffStatement:
     return FallOffStatement(*map(jnp.asarray, (height, radius, stop, loss, rows)))
 
 
-def _sampled(
+def _samples_of(
     one: PhotographedFallOff, dot_data: DotData
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Heights in field radii, deviation of the chart's light there, and what every

@@ -152,14 +152,14 @@ class Waves(Basis):
         waves = _complex_of(drawn)
         transfer = jnp.broadcast_to(self.transfer, waves.shape).astype(waves.dtype)
         # Cosines and sines again: real products take half as long as complex ones.
-        at_cells = self._at_cells(drawn.dtype)
+        at_cells = self._waves_at_cells(drawn.dtype)
         return at_cells @ (_light_of(waves * transfer) @ at_cells.T)
 
     def cell_light_transpose(
         self, cotangent: Float[Array, "cells cells"]
     ) -> Float[Array, "size size"]:
         """The transpose of `cell_light`."""
-        at_cells = self._at_cells(cotangent.dtype)
+        at_cells = self._waves_at_cells(cotangent.dtype)
         waves = jnp.conj(_complex_of(at_cells.T @ cotangent @ at_cells))
         return _real_of(waves * self.transfer.astype(waves.dtype))
 
@@ -174,7 +174,7 @@ class Waves(Basis):
         even, odd = (height * part for part in multiples(slowest * x, count))
         return jnp.concatenate([even, odd]), jnp.concatenate([-k * odd, k * even])
 
-    def _at_cells(self, dtype: DTypeLike) -> Float[Array, "cells size"]:
+    def _waves_at_cells(self, dtype: DTypeLike) -> Float[Array, "cells size"]:
         """Cosines and sines at the middle of every cell."""
         middle = np.arange(self.cells) + 0.5 - self.cells / 2
         angle = middle[:, None] * self.numbers
@@ -236,7 +236,7 @@ def transfers_of(
     size_slope = np.zeros_like(pattern)
     for start in range(0, len(whole), _AT_ONCE):
         s = whole[start : start + _AT_ONCE]
-        pattern[s], size_slope[s] = _of_discs(
+        pattern[s], size_slope[s] = _disc_transfer(
             broad.disc_mm[s], broad.neighbour_offsets_mm[s], cell_mm[s], cells
         )
     waves = _period(cells), WAVES
@@ -263,7 +263,7 @@ def transfers_of(
     return Transfer(pattern, size_slope, width, edges.astype(float))
 
 
-def _of_discs(
+def _disc_transfer(
     disc_mm: Float[np.ndarray, "dots 2 2"],
     neighbour_offsets_mm: Float[np.ndarray, "dots neighbours 2"],
     cell_mm: Float[np.ndarray, "dots 2"],

@@ -198,7 +198,7 @@ def unmapped_entries(
     read = [a.key for known in ALIASES.values() for a in known]
     read += [a.key for known in (aliases or {}).values() for a in known]
     return {
-        key: _shown(value)
+        key: _short_value(value)
         for key, value in header.items()
         if _looks_like_a_camera(key, value)
         and not any(is_entry_of_alias(key, alias) for alias in read)
@@ -224,6 +224,6 @@ def _is_number(value: str | Real) -> bool:
     return True
 
 
-def _shown(value: object) -> str:
+def _short_value(value: object) -> str:
     shown = f"{value:g}" if isinstance(value, float) else str(value)
     return " ".join(shown.split())[:_LONGEST_SHOWN]

@@ -55,7 +55,7 @@ from lensfit.io.camera.table import (
     read_lines,
     read_sheet,
     read_text,
-    shared,
+    rows_with_shared_readings,
 )
 from lensfit.units import MILLIMETRES_PER_METRE
 
@@ -132,7 +132,7 @@ def read_arri(path: str | Path) -> CameraTable:
     path = Path(path)
     columns = {_ARRI_FOCUS, "Lens Focal Length"}
     rows = _rows(path, "\t", ARRI_KIND, columns, repr(_ARRI_FOCUS), any)
-    return CameraTable(path, ARRI_KIND, shared(map(_arri_row, rows)))
+    return CameraTable(path, ARRI_KIND, rows_with_shared_readings(map(_arri_row, rows)))
 
 
 def _arri_row(found: _Cells) -> Row:
@@ -178,7 +178,7 @@ def read_canon(path: str | Path) -> CameraTable:
     path = Path(path)
     columns = {_CANON_FOCUS, "ApertureNumber"}
     found = _rows(path, ",", CANON_KIND, columns, _CANON_FOCUS)
-    rows = shared(map(_canon_row, found))
+    rows = rows_with_shared_readings(map(_canon_row, found))
     note = (
         f"{_CANON_FOCUS} of {path.name} is taken as metres, which the file does not say"
     )
@@ -237,7 +237,9 @@ def read_red_frames(path: str | Path) -> CameraTable:
     path = Path(path)
     columns = {"FrameNo", "Focus Distance"}
     rows = _rows(path, ",", RED_FRAMES_KIND, columns, "FrameNo")
-    return CameraTable(path, RED_FRAMES_KIND, shared(map(_red_frame, rows)))
+    return CameraTable(
+        path, RED_FRAMES_KIND, rows_with_shared_readings(map(_red_frame, rows))
+    )
 
 
 def read_red_static(path: str | Path) -> CameraTable:
@@ -298,7 +300,7 @@ def read_sony(path: str | Path) -> CameraTable:
     path = Path(path)
     columns = {_SONY_FOCAL, _SONY_FOCUS}
     rows = _rows(path, ",", SONY_KIND, columns, repr(_SONY_FOCUS), any)
-    return CameraTable(path, SONY_KIND, shared(map(_sony_row, rows)))
+    return CameraTable(path, SONY_KIND, rows_with_shared_readings(map(_sony_row, rows)))
 
 
 def _sony_row(found: _Cells) -> Row:
@@ -354,7 +356,7 @@ def read_blackmagic(path: str | Path) -> CameraTable:
         block.line = line
         with block.naming_line():
             _take(block, key, value)
-    return CameraTable(path, BLACKMAGIC_KIND, shared(rows))
+    return CameraTable(path, BLACKMAGIC_KIND, rows_with_shared_readings(rows))
 
 
 def _take(block: RowReadings, key: str, value: str) -> None:

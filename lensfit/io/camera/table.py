@@ -263,9 +263,9 @@ class CameraTable(CameraFile):
                 "export the camera over the whole shot",
             )
         if first_frame is not None:
-            return self._counted(frame, first_frame)
+            return self._row_of_frame(frame, first_frame)
         if frame.timecode is not None and self._by_timecode:
-            return self._timed(frame.timecode)
+            return self._row_of_timecode(frame.timecode)
         return self._one_or(
             "cannot tell which row belongs to a frame: the plate has no timecode"
             if self._by_timecode
@@ -273,7 +273,7 @@ class CameraTable(CameraFile):
             "give the frame number of its first row with --metadata-start",
         )
 
-    def _counted(self, frame: FrameKey, first_frame: int) -> Row:
+    def _row_of_frame(self, frame: FrameKey, first_frame: int) -> Row:
         if frame.number is None:
             return self._one_or(
                 "cannot count its rows: the plate's name has no frame number",
@@ -289,7 +289,7 @@ class CameraTable(CameraFile):
             remedy="give the frame number of its first row with --metadata-start",
         )
 
-    def _timed(self, timecode: str) -> Row:
+    def _row_of_timecode(self, timecode: str) -> Row:
         rows = self._by_timecode.get(timecode, ())
         if not rows:
             first, last = self.rows[0].timecode, self.rows[-1].timecode
@@ -361,7 +361,7 @@ class RowReadings(dict[str, Reading]):
             raise error_at_line(error, self.path, self.line) from None
 
 
-def shared(rows: Iterable[Row]) -> list[Row]:
+def rows_with_shared_readings(rows: Iterable[Row]) -> list[Row]:
     """The rows, with neighbours that say the same sharing their readings: a prime's
     table of an hour then takes a few megabytes."""
     kept: list[Row] = []

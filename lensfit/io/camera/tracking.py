@@ -37,7 +37,7 @@ from lensfit.io.camera.table import (
     Row,
     RowReadings,
     read_text,
-    shared,
+    rows_with_shared_readings,
 )
 from lensfit.units import MILLIMETRES_PER_METRE
 
@@ -94,7 +94,7 @@ def read_opentrackio_stream(path: str | Path) -> CameraTable:
             where=path,
             remedy="give samples of OpenTrackIO, with lens.pinholeFocalLength",
         )
-    return CameraTable(path, OPENTRACKIO_KIND, shared(rows))
+    return CameraTable(path, OPENTRACKIO_KIND, rows_with_shared_readings(rows))
 
 
 def _samples(path: Path) -> Iterator[Mapping[str, Any]]:
@@ -207,7 +207,7 @@ def read_mosys_f4(path: str | Path) -> CameraTable:
         f"{path.name} is a {MOSYS_KIND}: it tells the focus distance and the f-number; "
         "the focal length comes from another source (--focal-length-mm)"
     )
-    return CameraTable(path, MOSYS_KIND, shared(rows), (note,))
+    return CameraTable(path, MOSYS_KIND, rows_with_shared_readings(rows), (note,))
 
 
 def _packets(data: bytes, path: Path) -> Iterator[_Packet]:

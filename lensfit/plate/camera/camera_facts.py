@@ -133,7 +133,7 @@ def camera_rows(facts: CameraFacts) -> Rows:
     rows += [(one.name, _value_text(one.value), one.whose) for one in facts.assumed]
     for name, word in facts.knobs.known.items():
         rows.append((f"knob {name}", _value_text(word.value), word.source))
-        rows += _overruled(facts.knobs.overruled.get(name, ()))
+        rows += _overruled_rows(facts.knobs.overruled.get(name, ()))
     rows += [("not read", f"{k} {v}", _UNMAPPED) for k, v in facts.unmapped.items()]
     return rows + [("problem", problem, "") for problem in facts.problems]
 
@@ -168,11 +168,11 @@ def _passed_over(camera: PlateCamera) -> dict[str, tuple[str, ...]]:
 def _beside(name: str, facts: CameraFacts) -> Rows:
     """What else was said of a quantity."""
     wrong = facts.passed_over.get(name, ())
-    others = _overruled(facts.overruled.get(name, ()))
+    others = _overruled_rows(facts.overruled.get(name, ()))
     return others + [("", what, "passed over") for what in wrong]
 
 
-def _overruled(others: tuple[SourcedValue | KnobWord, ...]) -> Rows:
+def _overruled_rows(others: tuple[SourcedValue | KnobWord, ...]) -> Rows:
     return [("", _value_text(k.value), f"overruled: {k.source}") for k in others]
 
 

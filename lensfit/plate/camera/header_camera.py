@@ -264,7 +264,7 @@ def restated(
             value = camera.value(name, alias)
             if value is None or _states(name, alias, key, found[key], value):
                 continue
-            entry = _in_type_of(found[key], value / alias.factor)
+            entry = _converted_like(found[key], value / alias.factor)
             found.pop(key)
             if entry is not None:
                 found[key] = entry
@@ -293,7 +293,7 @@ def _states(name: str, alias: Alias, key: str, entry: object, value: float) -> b
     return known is None or known == value or abs(known - value) <= _SAME * value
 
 
-def _in_type_of(entry: object, value: float) -> object | None:
+def _converted_like(entry: object, value: float) -> object | None:
     """The value as the entry had it; None where its type holds no such number."""
     if isinstance(entry, str):
         return f"{value:.7g}"

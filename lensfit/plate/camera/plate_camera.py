@@ -221,7 +221,11 @@ def knobs_of_plate(
     """
     words: dict[str, list[KnobWord]] = {}
     problems: dict[str, LensfitError] = {}
-    for said in [*_stated(stated), *_of_settings(settings), *_of_header(header)]:
+    for said in [
+        *_stated_options(stated),
+        *_settings_knobs(settings),
+        *_header_knobs(header),
+    ]:
         try:
             alone = adjusted_knobs(
                 NEUTRAL, {said.name: said.value}, error=said.error, where=said.where
@@ -247,12 +251,12 @@ def knobs_of_plate(
     )
 
 
-def _stated(stated: Mapping[str, object]) -> Iterator[_Stated]:
+def _stated_options(stated: Mapping[str, object]) -> Iterator[_Stated]:
     for name, value in stated.items():
         yield _Stated(name, value, option_of(name), PresetError, "options", None)
 
 
-def _of_settings(settings: Settings) -> Iterator[_Stated]:
+def _settings_knobs(settings: Settings) -> Iterator[_Stated]:
     for name, value in settings.knobs.items():
         file = settings.knob_paths[name]
         remedy = f"mend it under [knobs], or give {option_of(name)}"
@@ -262,7 +266,7 @@ def _of_settings(settings: Settings) -> Iterator[_Stated]:
         yield _Stated(name, value, source, SettingsError, file, remedy)
 
 
-def _of_header(header: Mapping[str, object]) -> Iterator[_Stated]:
+def _header_knobs(header: Mapping[str, object]) -> Iterator[_Stated]:
     for key, name, value in knob_entries(header):
         where = f"header entry {key!r}"
         remedy = f"mend it, or give {option_of(name)}"

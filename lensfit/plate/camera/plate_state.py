@@ -311,7 +311,7 @@ def plate_state(
         known = (camera.number(name) for name in ("focal_length_mm", "sensor_width_mm"))
         scaled = scaled_look(preset, *known)
     key = _lens_key(preset, camera, scaled)
-    needed = _needed(preset, falloff)
+    needed = _needed_quantities(preset, falloff)
     lacking = [n for n, v in zip(_ENTRIES, key, strict=True) if v is None]
     if missing := [name for name in lacking if name in needed]:
         raise _missing(missing, camera)
@@ -374,7 +374,7 @@ def _width_mm(
     return width, spanned_width_note(width, measured)
 
 
-def _needed(preset: Preset, falloff: bool) -> list[str]:
+def _needed_quantities(preset: Preset, falloff: bool) -> list[str]:
     """What the preset cannot decide by itself."""
     needed = []
     if _is_zoom(preset):

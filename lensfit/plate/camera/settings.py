@@ -34,7 +34,7 @@ from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.camera.header_entries import ALIASES, Alias
 from lensfit.io.camera.quantity import LENGTHS_MM, TEXTS, Reading, checked_quantity
 from lensfit.io.sequence import is_in_frames
-from lensfit.preset.blend import blended, blended_distance_mm
+from lensfit.preset.blend import blended_distance_mm, interpolated_number
 
 QUANTITIES = (
     "focal_length_mm",
@@ -291,7 +291,7 @@ def settings_beside(folder: str | Path) -> Settings:
     """
     folder = Path(folder).absolute()
     found = [place / NAME for place in (folder, *folder.parents)]
-    return _joined([path for path in found if path.is_file()])
+    return _joined_settings([path for path in found if path.is_file()])
 
 
 def load_settings(path: str | Path) -> Settings:
@@ -301,10 +301,10 @@ def load_settings(path: str | Path) -> Settings:
     ------
     SettingsError : The file cannot be read or is malformed; the sentence names the key.
     """
-    return _joined([Path(path)])
+    return _joined_settings([Path(path)])
 
 
-def _joined(paths: Sequence[Path]) -> Settings:
+def _joined_settings(paths: Sequence[Path]) -> Settings:
     levels = tuple(_level(path, file_stamp(path)) for path in paths)
     aliases: dict[str, tuple[Alias, ...]] = {}
     knobs: dict[str, Any] = {}
@@ -357,5 +357,5 @@ def _value_at(values: FrameValues, name: str, frame: int) -> float | None:
         return value[-1]
     low, high = value[after - 1], value[after]
     share = (frame - keys[after - 1]) / (keys[after] - keys[after - 1])
-    mean = blended_distance_mm if name == "focus_distance_mm" else blended
+    mean = blended_distance_mm if name == "focus_distance_mm" else interpolated_number
     return mean(low, high, share)

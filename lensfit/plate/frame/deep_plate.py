@@ -92,7 +92,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     planes = np.ascontiguousarray(np.moveaxis(rendered, -1, 0))
     channels = dict(zip("RGBA", planes, strict=True))
     result = replace(flat, channels=channels, data_window=window, attributes=kept)
-    return ExrImage((lens.signed(result, state),))
+    return ExrImage((lens.with_signed_header(result, state),))
 
 
 def _stack_of(
@@ -164,7 +164,7 @@ def deep_layers(
     order = np.lexsort((depth, own))
     depth, rgba, own = depth[order], _colours(part)[order], own[order]
     if slab_of is not None and len(depth):
-        depth, rgba, own = _joined((depth, rgba, own), slab_of(depth))
+        depth, rgba, own = _joined_samples((depth, rgba, own), slab_of(depth))
     rank = _rank_in(own)
     layers = int(rank.max(initial=0)) + 1
     size = part.counts.shape
@@ -174,7 +174,7 @@ def deep_layers(
     return LayerStack(stack.reshape(layers, *size, 4), away.reshape(layers, *size))
 
 
-def _joined(samples: Samples, slab: np.ndarray) -> Samples:
+def _joined_samples(samples: Samples, slab: np.ndarray) -> Samples:
     """One sample for each slab of each pixel."""
     depth, rgba, pixel = samples
     begins = np.ones(len(depth), bool)

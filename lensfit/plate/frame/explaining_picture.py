@@ -68,7 +68,8 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
         width = max(m.rgb.shape[1] for m in mosaics.values())
         window = display = Window.of_size(width, height)
         layers = {
-            name: _spaced(m.rgb, m.tile_px, display) for name, m in mosaics.items()
+            name: _spaced_tiles(m.rgb, m.tile_px, display)
+            for name, m in mosaics.items()
         }
     channels = {
         f"{name}.{leaf}" if name else leaf: np.ascontiguousarray(rgb[..., index])
@@ -78,10 +79,10 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
     made = ExrPart(
         channels, window, display, part.attributes, pixel_aspect=part.pixel_aspect
     )
-    return ExrImage((plate_lens.signed(made, state),))
+    return ExrImage((plate_lens.with_signed_header(made, state),))
 
 
-def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
+def _spaced_tiles(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
     """Tiles in the middle of larger ones, so that all mosaics fit one another."""
     rows, columns = rgb.shape[0] // tile_px, rgb.shape[1] // tile_px
     size = display.height // rows
@@ -115,4 +116,4 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
         part.attributes,
         pixel_aspect=part.pixel_aspect,
     )
-    return ExrImage((plate_lens.signed(made, state),))
+    return ExrImage((plate_lens.with_signed_header(made, state),))

@@ -121,7 +121,7 @@ def render_flat(
     found = layers_to_render(image, lens.options.layers)
     return ExrImage(
         tuple(
-            _rendered(lens, part, found.get(id(part), []), state, (image, path))
+            _rendered_part(lens, part, found.get(id(part), []), state, (image, path))
             for part in image.parts
         )
     )
@@ -147,7 +147,7 @@ def layers_to_render(
     return found
 
 
-def _rendered(
+def _rendered_part(
     lens: PlateLens,
     part: ExrPart,
     layers: list[ColourLayer],
@@ -183,7 +183,7 @@ def _rendered(
     result = resized_channels(part, kept)
     for layer, pixels in made:
         result = with_channels(result, layer.names, crop(pixels, window, kept))
-    return lens.signed(result, state)
+    return lens.with_signed_header(result, state)
 
 
 def _layer(

@@ -59,7 +59,7 @@ def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutco
         found = ()
         if not renderer.options.overwrite:
             found = renderer.finished(path, target, made_of)
-        parts = found or _rendered(renderer, path, target, made_of)
+        parts = found or _write_frame(renderer, path, target, made_of)
     except (LensfitError, ValueError, MemoryError, ArithmeticError) as error:
         failure = error_line(error, path)
         return FrameOutcome(failure=failure, notes=tuple(renderer.notes))
@@ -72,7 +72,7 @@ def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutco
     )
 
 
-def _rendered(
+def _write_frame(
     renderer: FrameRenderer, path: Path, target: Path, made_of: Fingerprint
 ) -> tuple[ExrPart, ...]:
     """The headers of the frame that was written."""
@@ -113,7 +113,9 @@ def worker_outcomes(
     try:
         for index in range(workers):
             started.append(_start(preset, options, index, workers))
-        yield _finished([one.connection for one in started], pictures, targets)
+        yield _outcomes_as_finished(
+            [one.connection for one in started], pictures, targets
+        )
     finally:
         for one in started:
             one.connection.close()
@@ -121,7 +123,7 @@ def worker_outcomes(
             one.process.join()
 
 
-def _finished(
+def _outcomes_as_finished(
     free: list[Connection],
     pictures: list[Path],
     targets: Sequence[Path | FrameOutcome],

@@ -133,11 +133,11 @@ class PlateLens:
         camera = self._camera(image, path)
         if self.options.camera.focus_at is None:
             return self._state(camera, image)
-        focus, notes = self._picked(camera, picked_in, path)
+        focus, notes = self._picked_focus(camera, picked_in, path)
         state = self._state(camera.focused(focus), image)
         return state._replace(notes=(*state.notes, *notes))
 
-    def _picked(
+    def _picked_focus(
         self, camera: PlateCamera, image: ExrImage, path: Path
     ) -> tuple[SourcedValue, tuple[str, ...]]:
         """What the user picked to be in focus; until it is known, the sky is."""
@@ -229,7 +229,7 @@ class PlateLens:
         """What is done to plates of this state, in a line."""
         return signature(self.preset.lens.name, self._digest, state, self.options)
 
-    def signed(self, part: ExrPart, state: PlateState) -> ExrPart:
+    def with_signed_header(self, part: ExrPart, state: PlateState) -> ExrPart:
         """The part with a header that says what was done to it, and what lens it
         carries now in the standard's attributes."""
         attributes = self.standard_attributes(state, part)

@@ -117,7 +117,7 @@ class FrameRenderer:
         for one in views:
             self.lens.notes.add(one.note)
             with one.named_errors(path):
-                made.append(self._rendered(one, path))
+                made.append(self._rendered_view(one, path))
         if len(views) > 1 and self.options.camera.focus_at is not None:
             self.lens.notes.add(one_focus_note(views, path))
         return joined_plate_views(image, views, made)
@@ -127,7 +127,7 @@ class FrameRenderer:
         straight = self.options.output == "undistorted"
         return _STRAIGHT_BYTES_PER_PX if straight else _WORKING_BYTES_PER_PX
 
-    def _rendered(self, one: PlateView, path: Path) -> ExrImage:
+    def _rendered_view(self, one: PlateView, path: Path) -> ExrImage:
         """One view."""
         plate = one.view.image, path, one.header, one.picked_in
         if self.options.output == "undistorted":
@@ -168,14 +168,14 @@ class FrameRenderer:
             if isinstance(error.__cause__, OSError):
                 raise
             if not _begins_as_ours(target):
-                raise _of_others(target) from error
-            return self._damaged(target)
+                raise _foreign_frame_error(target) from error
+            return self._note_damage(target)
         if not any(map(is_made_here, parts)):
-            raise _of_others(target)
+            raise _foreign_frame_error(target)
         found = (p.attributes.get(FINGERPRINT) for p in parts)
         difference = wanted.difference(next((str(f) for f in found if f), None))
         if difference is None:
-            return parts if is_whole(target) else self._damaged(target)
+            return parts if is_whole(target) else self._note_damage(target)
         if self.options.keep:
             raise OutputError(
                 f"was finished before {difference}, and is kept",
@@ -186,7 +186,7 @@ class FrameRenderer:
         self.lens.notes.add(FrameNote(sentence, f"rendered again {difference}"))
         return ()
 
-    def _damaged(self, target: Path) -> tuple[ExrPart, ...]:
+    def _note_damage(self, target: Path) -> tuple[ExrPart, ...]:
         """None of its parts, which is noted."""
         self.lens.notes.add(f"{target} was damaged and is rendered again")
         return ()
@@ -201,7 +201,7 @@ def _begins_as_ours(target: Path) -> bool:
     return not head or cut_short or FINGERPRINT.encode() in head
 
 
-def _of_others(target: Path) -> OutputError:
+def _foreign_frame_error(target: Path) -> OutputError:
     return OutputError(
         "is there already and is no frame that lensfit rendered",
         where=target,

@@ -338,14 +338,14 @@ class PlateStraightener:
         found = layers_to_render(image, self.lens.options.layers)
         return ExrImage(
             tuple(
-                self._rendered(part, found[id(part)], state, path.name)
+                self._straightened_part(part, found[id(part)], state, path.name)
                 if id(part) in found
                 else self.lens.restated(part, state)
                 for part in image.parts
             )
         )
 
-    def _rendered(
+    def _straightened_part(
         self, part: ExrPart, layers: list[ColourLayer], state: PlateState, name: str
     ) -> ExrPart:
         done = self._straightening(state, part)

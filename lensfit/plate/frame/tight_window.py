@@ -69,11 +69,11 @@ class EmptyRing(NamedTuple):
         ----------
         axis : Of the rows; columns follow.
         """
-        return self._padded(samples, axis, "constant")
+        return self._padded_samples(samples, axis, "constant")
 
     def continued(self, depth_mm: Num[np.ndarray, "..."], axis: int = 0) -> np.ndarray:
         """Distances with the outermost ones about them: emptiness has none."""
-        return self._padded(depth_mm, axis, "edge")
+        return self._padded_samples(depth_mm, axis, "edge")
 
     def about_layers(self, stack: LayerStack) -> LayerStack:
         """Layers with emptiness about them."""
@@ -83,7 +83,7 @@ class EmptyRing(NamedTuple):
         """Mattes with nobody about them."""
         return Mattes(self.empty(mattes.ids, 1), self.empty(mattes.coverage, 1))
 
-    def _padded(
+    def _padded_samples(
         self, samples: np.ndarray, axis: int, mode: Literal["constant", "edge"]
     ) -> np.ndarray:
         a, b = self.inner, self.outer

@@ -61,12 +61,12 @@ def _event(shelf: Shelf, number: int) -> Event:
     except PresetError as fault:
         who, when, what = "", "", (f"cannot be used: {fault.what}",)
     else:
-        event_of = _of_preset if isinstance(found, Preset) else _of_changes
+        event_of = _preset_history if isinstance(found, Preset) else _change_set_history
         who, when, what = event_of(found, shelf)  # pyright: ignore[reportArgumentType]
     return Event(shelf.level.label, version_name(number), when, who, what, in_use)
 
 
-def _of_preset(preset: Preset, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]:
+def _preset_history(preset: Preset, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]:
     made, saved = preset.provenance, preset.saved
     what = f"preset made {made.created} from {len(made.images)} photographs"
     if saved is None:
@@ -76,7 +76,9 @@ def _of_preset(preset: Preset, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]
     return saved.who, saved.when, (f"{what}{origin}{note}",)
 
 
-def _of_changes(changes: ChangeSet, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]:
+def _change_set_history(
+    changes: ChangeSet, shelf: Shelf
+) -> tuple[str, str, tuple[str, ...]]:
     new = changes.changes[_shelved_change_count(changes, shelf) :]
     last = changes.changes[-1]
     return last.who, last.when, tuple(_change_sentence(change) for change in new)

@@ -173,7 +173,7 @@ def change_set_of_tables(tables: dict[str, Any], where: str | Path) -> ChangeSet
     for key, value in non_finite_numbers(tables):
         raise PresetError(f"{key}: {value} is no finite number", where=where)
     found = convert_strictly(tables, ChangeSet, error=PresetError, where=where)
-    changes = tuple(map(_in_present_words, found.changes))
+    changes = tuple(map(_upgraded_change, found.changes))
     found = msgspec.structs.replace(found, changes=changes)
     versions = [v for v in (found.base.version, found.continues) if v is not None]
     for version in versions:
@@ -191,7 +191,7 @@ def change_set_of_tables(tables: dict[str, Any], where: str | Path) -> ChangeSet
     return found
 
 
-def _in_present_words(change: Change) -> Change:
+def _upgraded_change(change: Change) -> Change:
     """A change may have been made to a preset of an older schema."""
     return msgspec.structs.replace(
         change,

@@ -53,7 +53,9 @@ def differences(a: Preset, b: Preset) -> list[Difference]:
     spread = deviations_of(a), deviations_of(b)
     return [
         _difference(key, old, new, spread)
-        for key, old, new in _compared(complete_tables(a), complete_tables(b), "")
+        for key, old, new in _differing_values(
+            complete_tables(a), complete_tables(b), ""
+        )
     ]
 
 
@@ -77,18 +79,20 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float | int) and not isinstance(value, bool)
 
 
-def _compared(a: Any, b: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
+def _differing_values(a: Any, b: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
     """Key and both values of what differs below a key."""
     if isinstance(a, dict) and isinstance(b, dict):
         for name in [*a, *(n for n in b if n not in a)]:
             if name not in _RECORDS:
                 below = f"{key}.{name}" if key else name
-                yield from _compared(a.get(name, MISSING), b.get(name, MISSING), below)
+                yield from _differing_values(
+                    a.get(name, MISSING), b.get(name, MISSING), below
+                )
     elif isinstance(a, list) and isinstance(b, list):
         name = key.rpartition(".")[2]
         old, new = _members(a, name), _members(b, name)
         for member in [*old, *(m for m in new if m not in old)]:
-            yield from _compared(
+            yield from _differing_values(
                 old.get(member, MISSING), new.get(member, MISSING), key + member
             )
     elif a is not b and (a != b or type(a) is not type(b)):
@@ -115,14 +119,14 @@ def deviations_of(preset: Preset) -> Deviations:
     found: Deviations = {}
     for index, entry in enumerate(preset.entries):
         place = "entries" + member_text("entries", complete_tables(entry), index)
-        of_entry = _of_colour_and_light(entry)
+        of_entry = _colour_and_light_deviations(entry)
         if entry.covariance is not None:
-            of_entry |= _of_entry(entry, entry.covariance)
+            of_entry |= _entry_deviations(entry, entry.covariance)
         found |= {f"{place}.{key}": sd for key, sd in of_entry.items()}
     return found
 
 
-def _of_colour_and_light(entry: Entry) -> Deviations:
+def _colour_and_light_deviations(entry: Entry) -> Deviations:
     """Their parameters are named as keys of their block, and in its units."""
     found: Deviations = {}
     lateral = entry.lateral_colour
@@ -144,7 +148,7 @@ def _below(place: str, covariance: Covariance) -> Deviations:
     return {f"{place}.{name}": sd for name, sd in stated}
 
 
-def _of_entry(entry: Entry, covariance: Covariance) -> Deviations:
+def _entry_deviations(entry: Entry, covariance: Covariance) -> Deviations:
     projection, distortion = entry.projection, entry.distortion
     free = len(distortion.field.x) if distortion.field else 0
     found: Deviations = {}
@@ -167,10 +171,10 @@ def _of_entry(entry: Entry, covariance: Covariance) -> Deviations:
             found["projection.principal_distance_mm"] = (
                 sd * projection.principal_distance_mm
             )
-    return found | _of_squeeze(entry, covariance)
+    return found | _squeeze_deviations(entry, covariance)
 
 
-def _of_squeeze(entry: Entry, covariance: Covariance) -> Deviations:
+def _squeeze_deviations(entry: Entry, covariance: Covariance) -> Deviations:
     """Of exp(|e|) and half the angle of e, where e is what was fitted."""
     names = ("squeeze[0]", "squeeze[1]")
     size = math.log(entry.distortion.squeeze)

@@ -225,7 +225,7 @@ def edit_preset(
         if here.numbers and here.numbers[-1] >= number:
             continue  # saved just now
         before = _start(shelves, requested or None, pin)
-        changes = _changed(shelves, number, before, wishes, author, unlock)
+        changes = _with_wishes(shelves, number, before, wishes, author, unlock)
         found = with_layer(shelves, number, changes)
         if claim_version(here.folder, number, change_set_text(changes)):
             return found
@@ -253,7 +253,7 @@ def _start(shelves: list[Shelf], requested: str | None, pin: bool) -> ChangeSet:
     return ChangeSet(lens=here.slug, base=base, continues=name, changes=changes)
 
 
-def _changed(
+def _with_wishes(
     shelves: list[Shelf],
     number: int,
     before: ChangeSet,
@@ -279,7 +279,9 @@ def _changed(
         if wish.drop:
             check_lock(wish.key, steps_of(wish.key), unlocked=unlock)
             key = _own_key(before, wish.key, shelves[0].level.label)
-            before = _with(before, _dropped(before.effective_changes()[key], author))
+            before = _with(
+                before, _withdrawn_change(before.effective_changes()[key], author)
+            )
     found = looked_at(before)
     for wish in wishes:
         if not wish.drop:
@@ -307,7 +309,7 @@ def _own_key(changes: ChangeSet, key: str, level: str) -> str:
     return own[0]
 
 
-def _dropped(change: Change, author: Author) -> Change:
+def _withdrawn_change(change: Change, author: Author) -> Change:
     """The change taken back."""
     return Change(
         key=change.key,

@@ -170,7 +170,7 @@ def value_at(tables: Tables, steps: tuple[Step, ...]) -> Any:
         elif value is MISSING:
             return MISSING
         else:
-            value = value[_index(value, step, _spelled(steps[:at]))]
+            value = value[_index(value, step, _spelled_path(steps[:at]))]
     return value
 
 
@@ -192,16 +192,16 @@ def _with(found: Any, steps: tuple[Step, ...], value: Any, at: int) -> Any:
         if found is None or found is MISSING:
             found = {}
         if not isinstance(found, dict):
-            raise PresetError(f"{_spelled(steps[:at])}: holds no keys")
+            raise PresetError(f"{_spelled_path(steps[:at])}: holds no keys")
         below = _with(found.get(step, MISSING), steps, value, at + 1)
         return {**found, step: below}
-    index = _index(found, step, _spelled(steps[:at]))
+    index = _index(found, step, _spelled_path(steps[:at]))
     changed = list(found)
     changed[index] = _with(found[index], steps, value, at + 1)
     return changed
 
 
-def _spelled(steps: tuple[Step, ...]) -> str:
+def _spelled_path(steps: tuple[Step, ...]) -> str:
     text = ""
     for step in steps:
         if isinstance(step, str):

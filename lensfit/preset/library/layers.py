@@ -166,7 +166,7 @@ def put_together(shelves: list[Shelf], number: int) -> FoundPreset:
     ------
     PresetError : Something of it is missing, or cannot be what it is.
     """
-    base, part, layers = _gathered(shelves, number)
+    base, part, layers = _base_and_layers(shelves, number)
     return found_of(shelves[0].slug, base, part, layers)
 
 
@@ -206,7 +206,9 @@ def put_beneath(
     return shelves, shelves[0].existing(requested)
 
 
-def _gathered(shelves: list[Shelf], number: int) -> tuple[Preset, Part, list[Layer]]:
+def _base_and_layers(
+    shelves: list[Shelf], number: int
+) -> tuple[Preset, Part, list[Layer]]:
     """The whole preset at the bottom, its place, and what lies on it, nearest first."""
     layers: list[Layer] = []
     while True:
@@ -228,13 +230,13 @@ def with_layer(shelves: list[Shelf], number: int, changes: ChangeSet) -> FoundPr
     """
     shelf = shelves[0]
     part = Part(shelf.level.label, version_name(number), shelf.path(number))
-    base, bottom, layers = _gathered(*put_beneath(shelves, number, changes))
+    base, bottom, layers = _base_and_layers(*put_beneath(shelves, number, changes))
     return found_of(shelf.slug, base, bottom, [Layer(part, changes), *layers])
 
 
 def found_of(slug: str, base: Preset, bottom: Part, layers: list[Layer]) -> FoundPreset:
     """A preset with its layers of changes, nearest first."""
-    preset, overrides, notes = _changed(base, layers)
+    preset, overrides, notes = _changed_preset(base, layers)
     parts = (*(layer.part for layer in layers), bottom)
     return FoundPreset(
         preset,
@@ -246,7 +248,7 @@ def found_of(slug: str, base: Preset, bottom: Part, layers: list[Layer]) -> Foun
     )
 
 
-def _changed(
+def _changed_preset(
     base: Preset, layers: list[Layer]
 ) -> tuple[Preset, dict[str, Override], list[str]]:
     """The preset with all changes, outermost first, so that the nearest wins."""
@@ -309,7 +311,7 @@ def find_preset(text: str | Path, library: str | Path | None = None) -> FoundPre
     """
     path = Path(text)
     if _is(path, os.path.isfile):
-        return _of_file(path)
+        return _preset_of_file(path)
     whole = Path(os.path.abspath(path))
     if _is(whole, os.path.isdir) and whole.parent.name == LENSES:
         levels, slug = levels_of(whole.parents[1]), whole.name
@@ -317,10 +319,12 @@ def find_preset(text: str | Path, library: str | Path | None = None) -> FoundPre
         return put_together(shelves, shelves[0].in_use())
     if path.suffix == ".json" or path.is_absolute() or ".." in path.parts:
         return FoundPreset(load_preset(path), str(path), path)  # says what is wrong
-    return _of_name(str(text), levels_of(None if library is None else Path(library)))
+    return _preset_of_name(
+        str(text), levels_of(None if library is None else Path(library))
+    )
 
 
-def _of_name(text: str, levels: tuple[Level, ...]) -> FoundPreset:
+def _preset_of_name(text: str, levels: tuple[Level, ...]) -> FoundPreset:
     label, colon, rest = text.rpartition(":")
     labels = [level.label for level in levels]
     if not colon or label not in labels:
@@ -331,7 +335,7 @@ def _of_name(text: str, levels: tuple[Level, ...]) -> FoundPreset:
                 remedy=f"levels are {', '.join(labels)}",
             )
         name, _, requested = text.partition("@")
-        return _of_nearest(_shelves(levels, lens_in(levels, name)), requested)
+        return _nearest_version(_shelves(levels, lens_in(levels, name)), requested)
     name, _, requested = rest.partition("@")
     levels = levels[labels.index(label) :]
     shelves = _shelves(levels, lens_in(levels, name))
@@ -352,7 +356,7 @@ def _shelves(levels: tuple[Level, ...], slug: str) -> list[Shelf]:
     return shelves
 
 
-def _of_nearest(shelves: list[Shelf], requested: str) -> FoundPreset:
+def _nearest_version(shelves: list[Shelf], requested: str) -> FoundPreset:
     """What a version means at a level that nobody named; where others would do, too,
     that is noted."""
     if requested in ("", "latest", "default"):
@@ -412,7 +416,7 @@ def lens_in(levels: tuple[Level, ...], name: str) -> str:
     )
 
 
-def _of_file(path: Path) -> FoundPreset:
+def _preset_of_file(path: Path) -> FoundPreset:
     found = read_version(path)
     if isinstance(found, Preset):
         return FoundPreset(found, str(path), path)

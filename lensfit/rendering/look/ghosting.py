@@ -30,9 +30,9 @@ from lensfit.rendering.circle import Circle
 from lensfit.rendering.look.light import (
     Picture,
     brightest_channel,
-    doubled,
-    halved,
-    padded,
+    doubled_picture,
+    halved_picture,
+    padded_picture,
 )
 from lensfit.rendering.uv import PlateGeometry, window_grid
 
@@ -239,10 +239,12 @@ def ghosts_of(
         part = n / ghosts.count
         diameter_px = part * ghosts.diameter_px
         own = max(level, _level_of(diameter_px, least_px, shape))
-        lights = halved(padded(small, own - level), own - level)
+        lights = halved_picture(padded_picture(small, own - level), own - level)
         place = -ghosts.reach * part
         centre = centre_px / 2**own
-        made = _drawn(lights, place, centre, diameter_px / 2**own, opening, 2**own)
+        made = _drawn_ghosts(
+            lights, place, centre, diameter_px / 2**own, opening, 2**own
+        )
         drawn[own] = drawn[own] + made if own in drawn else made
     total = _together(drawn)
     if total.shape[2] == 3:
@@ -268,7 +270,7 @@ def _together(drawn: dict[int, Picture]) -> Picture:
     level = max(drawn)
     total = drawn[level]
     while level > 0:
-        total, level = doubled(total), level - 1
+        total, level = doubled_picture(total), level - 1
         if level in drawn:
             height, width = drawn[level].shape[:2]
             total = drawn[level] + total[:height, :width]
@@ -285,7 +287,7 @@ def _level_of(diameter_px: float, least_px: float, shape: tuple[int, int]) -> in
     return level
 
 
-def _drawn(
+def _drawn_ghosts(
     lights: Picture,
     place: float,
     centre: Float[np.ndarray, "2"],
@@ -302,14 +304,14 @@ def _drawn(
     for weights, shape in opening.node_shares(own * pixel):
         if not weights.any():
             continue
-        points = _splatted(values * weights[:, None], there, lights.shape)
+        points = _splatted_lights(values * weights[:, None], there, lights.shape)
         kernel = shrunk(shape, diameter_px / opening.diameter_px)
         spread = cv2.filter2D(points, -1, kernel, borderType=cv2.BORDER_CONSTANT)
         total += np.maximum(spread.reshape(total.shape), 0)
     return total
 
 
-def _splatted(
+def _splatted_lights(
     values: Float32[np.ndarray, "lights channels"],
     points_px: Float[np.ndarray, "lights 2"],
     shape: tuple[int, ...],

@@ -56,16 +56,16 @@ from lensfit.rendering.look.light import (
     Picture,
     all_light,
     brightness_above,
-    doubled,
+    doubled_picture,
     gaussian,
-    halved,
+    halved_picture,
     left_of,
     level_of,
     light_above,
-    padded,
+    padded_picture,
+    picture_at_level,
     picture_with_halo,
     reach_of,
-    relevelled,
 )
 
 Plane = Float32[np.ndarray, "height width"]
@@ -108,7 +108,7 @@ class Halo:
         return low
 
 
-def haloed(
+def light_with_halo(
     light: Picture, halo: Halo, half_light_px: float, least_px: float
 ) -> Picture:
     """Light spread into a halo.
@@ -121,9 +121,9 @@ def haloed(
     narrowest = half_light_px / halo.half_light_radius
     sigmas = [narrowest * 2**m for m in range(len(halo.octaves))]
     level = level_of(sigmas[0], least_px, light.shape)
-    small = halved(padded(light, level), level)
+    small = halved_picture(padded_picture(light, level), level)
     spread = octaves_spread(small, level, sigmas, halo.shares, least_px)
-    return doubled(spread, level)[: light.shape[0], : light.shape[1]]
+    return doubled_picture(spread, level)[: light.shape[0], : light.shape[1]]
 
 
 def octaves_spread(
@@ -155,27 +155,27 @@ def octaves_spread(
     for sigma_px, share, more in zip(sigmas_px, shares, steps, strict=True):
         if isinstance(share, np.ndarray):
             rim = 2 << more
-            part = halved(_in_the_dark(small * share, rim), more)
+            part = halved_picture(_with_dark_rim(small * share, rim), more)
         else:
             rim = 2 << max(steps)
             if chain is None:
-                chain = _in_the_dark(small, rim)
-            chain, taken = halved(chain, more - taken), more
+                chain = _with_dark_rim(small, rim)
+            chain, taken = halved_picture(chain, more - taken), more
             part = chain * np.float32(share)
         sigma = left_of(sigma_px, level + more)
         reach = reach_of(sigma)
-        spread = gaussian(_bordered(part, (reach, reach, reach, reach)), sigma)
-        _fold(total, doubled(spread, more), rim + (reach << more))
+        spread = gaussian(_with_border(part, (reach, reach, reach, reach)), sigma)
+        _fold(total, doubled_picture(spread, more), rim + (reach << more))
     return total
 
 
-def _in_the_dark(picture: Picture, rim: int) -> Picture:
+def _with_dark_rim(picture: Picture, rim: int) -> Picture:
     """The picture with a dark rim, which halves without rest as often as the rim."""
     below, right = (-side % rim for side in picture.shape[:2])
-    return _bordered(picture, (rim, rim + below, rim, rim + right))
+    return _with_border(picture, (rim, rim + below, rim, rim + right))
 
 
-def _bordered(picture: Picture, widths: tuple[int, int, int, int]) -> Picture:
+def _with_border(picture: Picture, widths: tuple[int, int, int, int]) -> Picture:
     made = cv2.copyMakeBorder(picture, *widths, cv2.BORDER_CONSTANT)
     return made.reshape(*made.shape[:2], picture.shape[2])
 
@@ -247,11 +247,11 @@ def filtered_picture(
     least_px : From `light.least_sigma_px`.
     """
     light = all_light(colour)
-    scattered = haloed(light, halo, half_light_px, least_px)
+    scattered = light_with_halo(light, halo, half_light_px, least_px)
     return picture_with_halo(colour, light, scattered, share)
 
 
-def bloomed(
+def picture_with_bloom(
     colour: Picture,
     threshold: float,
     share: float,
@@ -274,7 +274,7 @@ def bloomed(
     if light.max() <= 0:
         return colour
     if halo_radius_px is None or halo_radius_px.max() <= 0:
-        halo = haloed(light, BLOOM, half_light_px, least_px)
+        halo = light_with_halo(light, BLOOM, half_light_px, least_px)
     else:
         halo = _growing(light, half_light_px, least_px, halo_radius_px)
     return picture_with_halo(colour, light, halo, share)
@@ -283,11 +283,11 @@ def bloomed(
 def _growing(
     light: Picture, half_light_px: float, least_px: float, more_px: Plane
 ) -> Picture:
-    """`haloed`, with a size for each pixel."""
+    """`light_with_halo`, with a size for each pixel."""
     narrowest = half_light_px / BLOOM.half_light_radius
     level = level_of(narrowest, least_px, light.shape)
-    small = halved(padded(light, level), level)
-    more = relevelled(more_px[..., None], LEVEL, level)
+    small = halved_picture(padded_picture(light, level), level)
+    more = picture_at_level(more_px[..., None], LEVEL, level)
     more = more[: small.shape[0], : small.shape[1]]
     square = 1 + (more / np.float32(half_light_px)) ** 2
     widest = math.ceil(math.log2(float(square.max())) / 2)
@@ -306,7 +306,7 @@ def _growing(
     ]
     sigmas = [narrowest * 2**m for m in range(len(shares))]
     spread = octaves_spread(small, level, sigmas, shares, least_px)
-    return doubled(spread, level)[: light.shape[0], : light.shape[1]]
+    return doubled_picture(spread, level)[: light.shape[0], : light.shape[1]]
 
 
 class SharpLayer(NamedTuple):
@@ -354,7 +354,8 @@ def blur_of_light(layers: Sequence[SharpLayer], threshold: float) -> Plane:
 
     Returns
     -------
-    In pixels of the whole picture, at a quarter of its size (and what `padded` adds).
+    In pixels of the whole picture, at a quarter of its size (and what `padded_picture`
+    adds).
     """
     parts = []
     for layer in layers:
@@ -362,7 +363,7 @@ def blur_of_light(layers: Sequence[SharpLayer], threshold: float) -> Plane:
             continue
         light = brightness_above(layer.colour, threshold)
         both = np.stack([light, light * np.abs(layer.radius_px)], -1)
-        parts.append(halved(padded(both, LEVEL), LEVEL))
+        parts.append(halved_picture(padded_picture(both, LEVEL), LEVEL))
     if not parts:
         height, width = layers[0].colour.shape[:2]
         return np.zeros((-(-height >> LEVEL), -(-width >> LEVEL)), np.float32)

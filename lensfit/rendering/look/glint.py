@@ -25,12 +25,12 @@ from lensfit.optics.spectrum import CENTRES_NM, REFERENCE_NM
 from lensfit.rendering.look.light import (
     Picture,
     brightest_channel,
-    doubled,
-    halved,
+    doubled_picture,
+    halved_picture,
     left_of,
     level_of,
     light_above,
-    padded,
+    padded_picture,
     picture_with_halo,
 )
 
@@ -71,7 +71,7 @@ class Star:
         return [self.length_px * max(1 + self.dispersion * r, 0.0) for r in ratios]
 
 
-def glinted(
+def picture_with_glints(
     colour: Picture, threshold: float, share: float, star: Star, least_px: float
 ) -> Picture:
     """A picture with streaks through its highlights.
@@ -92,12 +92,12 @@ def glinted(
     dark = cv2.BORDER_CONSTANT
     around = cv2.copyMakeBorder(light, rim, rim, rim, rim, dark)
     around = around.reshape(*around.shape[:2], light.shape[2])
-    small = halved(padded(around, level, dark), level)
+    small = halved_picture(padded_picture(around, level, dark), level)
     kernels = [
         star_kernel(star, length / 2**level, left_of(star.sigma_px, level))
         for length in star.lengths_px(light.shape[2])
     ]
-    spread = doubled(_convolved(small, kernels), level)
+    spread = doubled_picture(_convolved_light(small, kernels), level)
     return picture_with_halo(colour, light, spread[rim:, rim:][:height, :width], share)
 
 
@@ -155,7 +155,7 @@ def _pixels_near(
     return (second, first) if steep else (first, second)
 
 
-def _convolved(light: Picture, kernels: list[np.ndarray]) -> Picture:
+def _convolved_light(light: Picture, kernels: list[np.ndarray]) -> Picture:
     """Light spread by a kernel for each channel, or one for all; dark beyond it."""
     lit = brightest_channel(light) > 0
     rows, columns = (np.flatnonzero(lit.max(axis)) for axis in (-1, 0))

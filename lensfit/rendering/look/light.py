@@ -123,7 +123,9 @@ def left_of(sigma_px: float, level: int) -> float:
     return math.sqrt(max(rest, 0.0)) / 2**level
 
 
-def padded(picture: Picture, level: int, border: int = cv2.BORDER_REFLECT) -> Picture:
+def padded_picture(
+    picture: Picture, level: int, border: int = cv2.BORDER_REFLECT
+) -> Picture:
     """The picture continued to the right and below, so that it halves without rest."""
     height, width = picture.shape[:2]
     below, right = -height % 2**level, -width % 2**level
@@ -132,7 +134,7 @@ def padded(picture: Picture, level: int, border: int = cv2.BORDER_REFLECT) -> Pi
     return _whole(cv2.copyMakeBorder(picture, 0, below, 0, right, border), picture)
 
 
-def halved(picture: Picture, times: int = 1) -> Picture:
+def halved_picture(picture: Picture, times: int = 1) -> Picture:
     """Half the size in both directions, so many times; sides must divide."""
     for _ in range(times):
         smooth = cv2.sepFilter2D(
@@ -147,7 +149,7 @@ def halved(picture: Picture, times: int = 1) -> Picture:
     return picture
 
 
-def doubled(picture: Picture, times: int = 1) -> Picture:
+def doubled_picture(picture: Picture, times: int = 1) -> Picture:
     """Twice the size in both directions, so many times."""
     for _ in range(times):
         height, width = picture.shape[:2]
@@ -159,11 +161,11 @@ def doubled(picture: Picture, times: int = 1) -> Picture:
     return picture
 
 
-def relevelled(picture: Picture, level: int, wanted: int) -> Picture:
+def picture_at_level(picture: Picture, level: int, wanted: int) -> Picture:
     """A picture that was halved `level` times as if it had been `wanted` times."""
     if wanted <= level:
-        return doubled(picture, level - wanted)
-    return halved(padded(picture, wanted - level), wanted - level)
+        return doubled_picture(picture, level - wanted)
+    return halved_picture(padded_picture(picture, wanted - level), wanted - level)
 
 
 def gaussian(picture: Picture, sigma_px: float) -> Picture:

@@ -31,24 +31,24 @@ from lensfit.rendering.look.glare import (
     DIFFUSION,
     PRO_MIST,
     SharpLayer,
-    bloomed,
     blur_of_light,
     filtered_picture,
+    picture_with_bloom,
 )
-from lensfit.rendering.look.glint import WIDTH_SHARE, Star, glinted
+from lensfit.rendering.look.glint import WIDTH_SHARE, Star, picture_with_glints
 from lensfit.rendering.look.light import (
     Picture,
-    halved,
+    halved_picture,
     least_sigma_px,
     light_above,
-    padded,
+    padded_picture,
 )
 from lensfit.rendering.look.white_balance import (
     NEUTRAL_KELVIN,
     REC709,
     Chromaticities,
     balance_matrix,
-    balanced,
+    balanced_picture,
     xyz_from_rgb,
 )
 from lensfit.rendering.uv import PlateGeometry
@@ -129,7 +129,7 @@ class Look:
         if knobs.ghost_gain > 0:
             seen = sum((layer.colour for layer in layers[1:]), layers[0].colour)
             light = light_above(seen, knobs.ghost_threshold)
-            lights = halved(padded(light, LEVEL), LEVEL)
+            lights = halved_picture(padded_picture(light, LEVEL), LEVEL)
         if self._grows and any(layer.radius_px is not None for layer in layers):
             blur_px = blur_of_light(layers, knobs.bloom_threshold)
         return Arrival(lights, blur_px)
@@ -158,16 +158,18 @@ class Look:
             colour = colour + np.float32(knobs.ghost_gain) * ghosts
         if "glint" in runs:
             threshold, share = knobs.glint_threshold, knobs.glint_gain
-            colour = glinted(colour, threshold, share, self._star, least_px)
+            colour = picture_with_glints(colour, threshold, share, self._star, least_px)
         if "bloom" in runs:
             size_px = self.px(knobs.bloom_size_percent)
             threshold, share = knobs.bloom_threshold, knobs.bloom_gain
             more_px = arrival.blur_px
             if more_px is not None:
                 more_px = more_px * np.float32(knobs.bloom_growth)
-            colour = bloomed(colour, threshold, share, size_px, least_px, more_px)
+            colour = picture_with_bloom(
+                colour, threshold, share, size_px, least_px, more_px
+            )
         if "white balance" in runs and colour.shape[2] == 3:
-            colour = balanced(colour, self._balance)
+            colour = balanced_picture(colour, self._balance)
         if not has_alpha:
             return colour
         return np.concatenate([colour, picture[..., 3:]], -1)

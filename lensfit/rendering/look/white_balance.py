@@ -46,7 +46,7 @@ def white_xyz(kelvin: float, tint: float = 0.0) -> Float[np.ndarray, "3"]:
     kelvin : 1667 to 25000.
     tint : Off the locus; positive is green.
     """
-    xyz = _on_locus(kelvin)
+    xyz = _locus_xyz(kelvin)
     if tint == 0:
         return xyz
     normal = _green_of_locus(kelvin)
@@ -84,7 +84,7 @@ def xyz_of_xy(x: float, y: float) -> Float[np.ndarray, "3"]:
     return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
-def _on_locus(kelvin: float) -> Float[np.ndarray, "3"]:
+def _locus_xyz(kelvin: float) -> Float[np.ndarray, "3"]:
     span = _DAYLIGHT_FROM_K - _PLANCKIAN_TO_K
     daylight = float(np.clip((kelvin - _PLANCKIAN_TO_K) / span, 0, 1))
     if daylight == 0:
@@ -173,7 +173,7 @@ def xyz_from_rgb(chromaticities: Chromaticities) -> Float[np.ndarray, "3 3"]:
     return primaries * np.linalg.solve(primaries, xyz_of_xy(float(x[3]), float(y[3])))
 
 
-def balanced(
+def balanced_picture(
     colour: Float32[np.ndarray, "height width 3"], matrix: Float[np.ndarray, "3 3"]
 ) -> Float32[np.ndarray, "height width 3"]:
     """A picture through a matrix; pixels that are NaN or infinite keep their bits."""

@@ -49,7 +49,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     offset_mm = None
     if layout.anamorphic:
         found = parameters[layout.blocks["astigmatic_offset"]][: len(dot_data.groups)]
-        offset_mm = _of_state(found, state, wavefront)
+        offset_mm = _mean_of_state(found, state, wavefront)
     return blur_block(
         aberration,
         pupil,
@@ -61,7 +61,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
             for number, ratio in zip(numbers, ratios, strict=False)
         ],
         round_f_number=numbers[0],
-        assumed=() if wavefront.has("exit_pupil") else _assumed(dot_data),
+        assumed=() if wavefront.has("exit_pupil") else _assumed_parameters(dot_data),
         band_widths_nm=_band_widths_nm(wavefront),
         beyond_offset_mm=offset_mm,
     )
@@ -74,7 +74,7 @@ def _band_widths_nm(wavefront: WavefrontFit) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _assumed(dot_data: DotData) -> tuple[str, ...]:
+def _assumed_parameters(dot_data: DotData) -> tuple[str, ...]:
     """What stands for an exit pupil that dots do not show: breathing between two focus
     distances gives its magnification, nothing gives its place."""
     if len({one.take.focus_distance_mm for one in dot_data.photographs}) > 1:
@@ -160,10 +160,10 @@ def _focus_offset_mm(state: LensState, wavefront: WavefrontFit) -> float:
         )
         for value, group in zip(found, dot_data.groups, strict=True)
     ]
-    return _of_state(np.array(offsets), state, wavefront)
+    return _mean_of_state(np.array(offsets), state, wavefront)
 
 
-def _of_state(
+def _mean_of_state(
     of_groups: Float[np.ndarray, " groups"], state: LensState, wavefront: WavefrontFit
 ) -> float:
     """Mean over the groups of this state of measured distance, or else over others."""
@@ -185,7 +185,7 @@ def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -
     dot_data = wavefront.dot_data
     reference_mm = dot_data.reference_distance_mm
     focus_mm = state.focus_distance_mm or reference_mm
-    mine = _focused(state, _pupil_magnification(state, wavefront), focus_mm)
+    mine = _focused_first_order(state, _pupil_magnification(state, wavefront), focus_mm)
     ratio = _sine_ratio(dot_data.first_order, mine, f_number, reference_mm)
     return dot_data.beam.ratio * float(ratio)
 
@@ -199,11 +199,11 @@ def _first_order_defocus_mm(
     """Defocus of the reference distance by first-order optics, as `Lens.psf` has it."""
     if focus_distance_mm is None:
         return 0.0
-    said = _focused(state, pupil_magnification, focus_distance_mm)
+    said = _focused_first_order(state, pupil_magnification, focus_distance_mm)
     return float(_defocus_mm(said, focus_distance_mm, reference_mm))
 
 
-def _focused(
+def _focused_first_order(
     state: LensState, pupil_magnification: float, focus_distance_mm: float
 ) -> FirstOrder:
     return _first_order_of(

@@ -180,7 +180,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
         ),
         distortion=distortion_block(distortion),
         lateral_colour=_lateral(state),
-        fall_off=tuple(_fall_off(f) for f in _of_known_stops(state.fall_off)),
+        fall_off=tuple(_fall_off(f) for f in _fall_offs_of_known_stops(state.fall_off)),
         terms=tuple(_term(t) for t in terms_of(state, wavefront)),
         covariance=_covariance(state),
         quality=Quality(
@@ -281,7 +281,7 @@ def _colour_covariance(colour: ChannelColour, reference_radius_mm: float) -> Cov
     )
 
 
-def _of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
+def _fall_offs_of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
     """Those with an f-number; one without it counts only when it is alone."""
     known = [fall_off for fall_off in measured if fall_off.f_number is not None]
     return known or measured[:1]

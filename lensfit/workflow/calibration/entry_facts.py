@@ -22,7 +22,7 @@ from lensfit.optics.falloff import log_loss
 from lensfit.optics.map_deviations import FRAME_GRID
 from lensfit.preset.blocks import Camera
 from lensfit.rendering.overscan import cg_camera, margins_read
-from lensfit.report.plain_numbers import plain_distance, rounded
+from lensfit.report.plain_numbers import plain_distance, rounded_numbers
 
 RADII = 40
 Deviation = Callable[[Float[np.ndarray, "points 2"]], Float[np.ndarray, " points"]]
@@ -51,10 +51,10 @@ def distortion_grid(lens: Lens, size_mm: tuple[float, float]) -> dict[str, Any]:
     moved = in_batches(lens.distorted_from_undistorted, points) - points
     shape = (len(y), len(x))
     return {
-        "x_mm": rounded(x, 4),
-        "y_mm": rounded(y, 4),
-        "dx_mm": [rounded(row, 5) for row in moved[:, 0].reshape(shape)],
-        "dy_mm": [rounded(row, 5) for row in moved[:, 1].reshape(shape)],
+        "x_mm": rounded_numbers(x, 4),
+        "y_mm": rounded_numbers(y, 4),
+        "dx_mm": [rounded_numbers(row, 5) for row in moved[:, 0].reshape(shape)],
+        "dy_mm": [rounded_numbers(row, 5) for row in moved[:, 1].reshape(shape)],
     }
 
 
@@ -75,13 +75,13 @@ def radial_profile(
     moved = in_batches(lens.distorted_from_undistorted, points) - centre
     ratio = np.hypot(*moved.T).reshape(len(radius), -1).mean(1) / radius
     profile: dict[str, Any] = {
-        "radius_mm": rounded(radius, 4),
-        "distortion_percent": rounded(100 * (ratio - 1), 5),
+        "radius_mm": rounded_numbers(radius, 4),
+        "distortion_percent": rounded_numbers(100 * (ratio - 1), 5),
     }
     if deviation is not None:
         squares = deviation(points).reshape(len(radius), -1) ** 2
         spread = np.sqrt(np.mean(squares, 1)) / radius
-        profile["standard_deviation_percent"] = rounded(100 * spread, 6)
+        profile["standard_deviation_percent"] = rounded_numbers(100 * spread, 6)
     return profile
 
 
@@ -100,9 +100,9 @@ def uncertainty_grid(
     x, y = _axes(size_mm)
     rows = (deviations / (size_mm[0] / size_px[0])).reshape(len(y), len(x))
     return {
-        "x_mm": rounded(x, 4),
-        "y_mm": rounded(y, 4),
-        "sd_px": [rounded(row, 5) for row in rows],
+        "x_mm": rounded_numbers(x, 4),
+        "y_mm": rounded_numbers(y, 4),
+        "sd_px": [rounded_numbers(row, 5) for row in rows],
     }
 
 
@@ -240,11 +240,11 @@ def _lateral_curves(state: LensState, size_px) -> dict[str, Any] | None:
     scale = reference / float(state.geometry.adjustment.stack.mm_per_px[0])
     limit = max(c.valid_radius for c in state.colour.values())
     radius = np.linspace(0, limit, RADII)
-    curves: dict[str, Any] = {"radius_mm": rounded(radius * reference, 4)}
+    curves: dict[str, Any] = {"radius_mm": rounded_numbers(radius * reference, 4)}
     for name, colour in state.colour.items():
         value, deviation = colour.radial_px(radius, scale)
-        curves[f"{name}_px"] = rounded(value, 5)
-        curves[f"{name}_sd_px"] = rounded(deviation, 5)
+        curves[f"{name}_px"] = rounded_numbers(value, 5)
+        curves[f"{name}_sd_px"] = rounded_numbers(deviation, 5)
     return curves
 
 
@@ -255,11 +255,11 @@ def _fall_off_curves(fall_off) -> dict[str, Any]:
     s = np.linspace(0.0, 1.0, RADII) ** 2
     curves: dict[str, Any] = {
         "f_number": fall_off.f_number,
-        "radius_mm": rounded(np.sqrt(s) * fall_off.valid_radius_mm, 4),
+        "radius_mm": rounded_numbers(np.sqrt(s) * fall_off.valid_radius_mm, 4),
     }
     for name, control in zip("rgb", fall_off.control, strict=True):
         loss = np.asarray(_log_losses(s, control))
-        curves[name] = rounded(np.exp(-loss), 5)
+        curves[name] = rounded_numbers(np.exp(-loss), 5)
     deviation = fall_off.deviation(np.sqrt(s) * fall_off.valid_radius_mm)
-    curves["sd"] = rounded(deviation.max(0), 6)
+    curves["sd"] = rounded_numbers(deviation.max(0), 6)
     return curves

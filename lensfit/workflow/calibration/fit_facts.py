@@ -28,7 +28,7 @@ from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.start import stated_defocus_mm
 from lensfit.fitting.wavefront.term_groups import TermGroup
-from lensfit.report.plain_numbers import plain, plain_distance, rounded
+from lensfit.report.plain_numbers import plain, plain_distance, rounded_numbers
 from lensfit.workflow.calibration.observe import Observed
 
 
@@ -325,9 +325,9 @@ def _fitted_take(geometry: ChiefRayFit, k: int) -> dict[str, Any]:
         "rms_px": rms(squared, used),
         "held_out_rms_px": geometry.held_out_rms_px_of_take[k],
         "residuals": {
-            "x_px": rounded(points[:, 0], 2),
-            "y_px": rounded(points[:, 1], 2),
-            "dx_px": rounded(residual[chosen, 0], 4),
-            "dy_px": rounded(residual[chosen, 1], 4),
+            "x_px": rounded_numbers(points[:, 0], 2),
+            "y_px": rounded_numbers(points[:, 1], 2),
+            "dx_px": rounded_numbers(residual[chosen, 0], 4),
+            "dy_px": rounded_numbers(residual[chosen, 1], 4),
         },
     }

@@ -196,7 +196,7 @@ def _observe(
     }
     seconds = {"read": 0.0, "detect": 0.0, "overlay": 0.0}
     try:
-        known |= _searched(shoot, take, overlay, sharpening, known, seconds)
+        known |= _search_photograph(shoot, take, overlay, sharpening, known, seconds)
     except (LensfitError, ValueError, cv2.error) as error:
         name = Path(take.image).name
         known["failed"] = str(error) if name in str(error) else f"{take.image}: {error}"
@@ -205,7 +205,7 @@ def _observe(
     return Observed(**known, seconds=seconds)
 
 
-def _searched(
+def _search_photograph(
     shoot: Shoot,
     take: ShootTake,
     overlay: Path | None,
@@ -214,7 +214,7 @@ def _searched(
     seconds: dict[str, float],
 ) -> dict[str, Any]:
     """Read, search and draw; `known` keeps what was learnt before an error."""
-    with _timed(seconds, "read"):
+    with _timed_stage(seconds, "read"):
         photograph = photograph_of(shoot, take)
         if sharpening is not None and sharpening.mask is not None:
             photograph = without_sharpening(photograph, sharpening.mask)
@@ -226,17 +226,17 @@ def _searched(
         resolved = resolve_take(shoot, take, header, photograph.size_px)
         known["resolved"] = resolved
     target = resolved.target
-    with _timed(seconds, "detect"):
+    with _timed_stage(seconds, "detect"):
         known["mosaic_seen"] = mosaic_seen(photograph)
         detections = detections_of(photograph, target, take.roi)
     if overlay is not None:
-        with _timed(seconds, "overlay"):
+        with _timed_stage(seconds, "overlay"):
             draw_overlay(photograph, detections, overlay)
             known["overlay"] = overlay
             known["small"] = small_of(photograph)
     return {
         "take": _take_for_fit(take, resolved, detections, photograph),
-        "notes": resolved.notes + _of_mosaic(shoot, photograph) + detections.notes,
+        "notes": resolved.notes + _mosaic_notes(shoot, photograph) + detections.notes,
     }
 
 
@@ -291,7 +291,7 @@ def photograph_of(shoot: Shoot, take: ShootTake) -> Photograph:
 
 
 @contextmanager
-def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+def _timed_stage(seconds: dict[str, float], stage: str) -> Iterator[None]:
     with stopwatch() as spent:
         yield
     seconds[stage] = spent["seconds"]
@@ -322,7 +322,7 @@ def _take_for_fit(
     )
 
 
-def _of_mosaic(shoot: Shoot, photograph: Photograph) -> tuple[str, ...]:
+def _mosaic_notes(shoot: Shoot, photograph: Photograph) -> tuple[str, ...]:
     """What of the stated mosaic does not hold for this photograph."""
     if not shoot.camera.mosaic or photograph.mosaic:
         return ()

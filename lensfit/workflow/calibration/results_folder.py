@@ -82,7 +82,7 @@ def _require_same_lens(path: Path, shoot: Shoot) -> None:
         raise OutputError(
             f"holds a {PRESET} that cannot be read", where=path.parent, remedy=_ANOTHER
         ) from error
-    for what, was, is_now in _compared(found, shoot):
+    for what, was, is_now in _compared_identities(found, shoot):
         if None not in (was, is_now) and was != is_now:
             raise OutputError(
                 f'holds the calibration of {what} "{was}", and this is "{is_now}"',
@@ -91,7 +91,9 @@ def _require_same_lens(path: Path, shoot: Shoot) -> None:
             )
 
 
-def _compared(found: Preset, shoot: Shoot) -> list[tuple[str, str | None, str | None]]:
+def _compared_identities(
+    found: Preset, shoot: Shoot
+) -> list[tuple[str, str | None, str | None]]:
     return [
         ("the lens", found.lens.name, shoot.lens.name),
         ("the lens of serial", found.lens.serial, shoot.lens.serial),
@@ -130,11 +132,11 @@ def atomic_results(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
                 if _keep_overlays(made, folder):
                     seen = f"the detected points are drawn in {folder / FAILED}"
                     remedy = f"{remedy}; {seen}" if remedy else seen
-                where = _where_it_belongs(error.where, made, folder)
+                where = _final_place(error.where, made, folder)
                 raise type(error)(error.what, where=where, remedy=remedy) from error
 
 
-def _where_it_belongs(
+def _final_place(
     where: str | Path | None, made: Path, folder: Path
 ) -> str | Path | None:
     """A file of the hidden folder by the name that it would have had."""

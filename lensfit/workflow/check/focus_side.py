@@ -70,7 +70,7 @@ class View:
 
 def focus_side(view: View, earlier: Sequence[View]) -> FocusSide:
     """The side of a view, checked against those before it."""
-    stated = _stated(view)
+    stated = _stated_side(view)
     like = [one for one in earlier if _comparable(view, one)]
     known = [one for one in [*like, view] if one.blur_px is not None]
     if len(known) < 2 or view.blur_px is None:
@@ -127,7 +127,7 @@ def _comparable(view: View, other: View) -> bool:
     return bool(np.abs(mine - theirs).max() < _SAME_POSE)
 
 
-def _stated(view: View) -> str | None:
+def _stated_side(view: View) -> str | None:
     nearer = view.nearer_by_dioptres
     if nearer is None:
         return None

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from lensfit.detect.sharpening import edge_profile, sharpening_of
 from lensfit.photograph import Photograph
-from lensfit.report.evidence import joined
+from lensfit.report.evidence import sentence_list
 from lensfit.workflow.check.check_records import (
     Check,
     Coverage,
@@ -170,8 +170,10 @@ def coverage_text(coverage: Coverage) -> str:
     absent = [corner for corner in CORNERS if corner not in coverage.corners_reached]
     corners = "all corners reached"
     if absent:
-        corners = f"not reached: {joined(absent)} corner" + "s" * (len(absent) > 1)
-    gaps = f", gaps {joined(list(coverage.gaps))}" if coverage.gaps else ""
+        corners = f"not reached: {sentence_list(absent)} corner" + "s" * (
+            len(absent) > 1
+        )
+    gaps = f", gaps {sentence_list(list(coverage.gaps))}" if coverage.gaps else ""
     return f"{coverage.share:.0%} covered{gaps}; {corners}"
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.chart.layout import described
+from lensfit.chart.layout import pattern_description
 from lensfit.detect.chart_code import read_chart_code
 from lensfit.detect.directional_blur import directional_blur
 from lensfit.detect.find import KINDS
@@ -84,20 +84,20 @@ class CheckSession:
         path, began = Path(path), time.perf_counter()
         take, photograph, header = self._read(path)
         try:
-            target, found = self._found(photograph, take)
+            target, found = self._target_and_detections(photograph, take)
         except DetectionError as error:
             said = error.what
             problem = Problem("target", "bad", said, error.remedy or "shoot it again")
             seconds = time.perf_counter() - began
             name = None if take is None else take.image
             judged = Check(path, name, "bad", (problem,), seconds)
-            return self._kept(judged)
-        judged = self._judged(photograph, header, take, target, found)
+            return self._keep_check(judged)
+        judged = self._judged_photograph(photograph, header, take, target, found)
         if self.pictures is not None:
             picture = self.pictures / f"{path.stem}_check.png"
             write_check_picture(photograph, found, judged, picture)
             judged = replace(judged, picture=picture)
-        return self._kept(replace(judged, seconds=time.perf_counter() - began))
+        return self._keep_check(replace(judged, seconds=time.perf_counter() - began))
 
     @property
     def plan(self) -> Sequence[PlannedView]:
@@ -109,7 +109,7 @@ class CheckSession:
         judged = list(self.judged.items())
         return {name: one for name, one in judged if one[1].is_file()}
 
-    def _kept(self, judged: Check) -> Check:
+    def _keep_check(self, judged: Check) -> Check:
         if judged.take is not None:
             self.judged[judged.take] = judged.level, judged.image
         return judged
@@ -131,7 +131,7 @@ class CheckSession:
                 photograph = read_photograph(path, take.encoding, mosaic)
         return take, photograph, header
 
-    def _found(
+    def _target_and_detections(
         self, photograph: Photograph, take: Take | None
     ) -> tuple[Target, Observations]:
         """The target, and its detected points.
@@ -145,10 +145,10 @@ class CheckSession:
         if target is None:
             pattern = read_chart_code(photograph)
             if pattern is not None:
-                target = target_of_pattern(pattern, described(pattern)[0])
+                target = target_of_pattern(pattern, pattern_description(pattern)[0])
         if target is not None:
             return target, detections_of(photograph, target, roi)
-        return _of_unstated_kind(photograph, roi)
+        return _best_kind_and_detections(photograph, roi)
 
     def _stated_target(self, take: Take | None) -> Target | None:
         """Of the view; of a photograph outside the plan, the only one there is."""
@@ -159,7 +159,7 @@ class CheckSession:
             return targets[take.target]
         return next(iter(targets.values())) if len(targets) == 1 else None
 
-    def _judged(
+    def _judged_photograph(
         self,
         photograph: Photograph,
         header: CameraState | None,
@@ -191,7 +191,7 @@ class CheckSession:
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
         problems += self._beside_others(photograph, take)
-        problems += self._refused(photograph, header, take)
+        problems += self._refusals(photograph, header, take)
         low, high = found.lattice.min(0), found.lattice.max(0)
         return Check(
             image=photograph.path,
@@ -213,7 +213,7 @@ class CheckSession:
             notes=found.notes,
         )
 
-    def _refused(
+    def _refusals(
         self, photograph: Photograph, header: CameraState | None, take: Take | None
     ) -> Iterator[Problem]:
         """What `lensfit calibrate` will not take of what is stated of a view."""
@@ -229,10 +229,10 @@ class CheckSession:
         self, photograph: Photograph, take: Take | None
     ) -> Iterator[Problem]:
         """What is wrong with it only together with the other photographs."""
-        yield from self._repeated(photograph)
+        yield from self._repetitions(photograph)
         yield from self._differing_sizes(photograph, take)
 
-    def _repeated(self, photograph: Photograph) -> Iterator[Problem]:
+    def _repetitions(self, photograph: Photograph) -> Iterator[Problem]:
         """The same file under another name is not another view."""
         first = self._hashes.setdefault(photograph.sha256, photograph.path.name)
         if first != photograph.path.name:
@@ -269,7 +269,7 @@ def feature_pitches(target: Target) -> float | None:
     return None if size_mm is None else size_mm / float(np.mean(target.pitch_xy_mm))
 
 
-def _of_unstated_kind(
+def _best_kind_and_detections(
     photograph: Photograph, roi: tuple[float, float, float, float] | None
 ) -> tuple[Target, Observations]:
     """The kind of which most is found.

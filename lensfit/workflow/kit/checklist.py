@@ -5,7 +5,7 @@ One HTML file without any outside resource, made to be printed.
 
 from importlib.resources import files
 
-from lensfit.report.markup import NOTHING, Markup, html_document, stated, tag
+from lensfit.report.markup import NOTHING, Markup, html_document, stated_value, tag
 from lensfit.report.report_page import style_sheet
 from lensfit.report.report_sections import distance_text, table_row
 from lensfit.workflow.kit.kit_file import Kit
@@ -106,7 +106,7 @@ def _row(view: KitView) -> list[object]:
     return [
         tag("span", _BOX, class_="box"),
         tag("code", view.slate),
-        stated(view.focal_length_mm, "mm"),
+        stated_value(view.focal_length_mm, "mm"),
         f"f/{view.f_number:g}",
         view.mark,
         chart_text(view),

@@ -12,8 +12,8 @@ from typing import Any
 
 from lensfit.atomic import write_text_atomic
 from lensfit.preset.verdict import LEVELS
-from lensfit.report.evidence import joined
-from lensfit.report.markup import NOTHING, Markup, number, stated, tag
+from lensfit.report.evidence import sentence_list
+from lensfit.report.markup import NOTHING, Markup, number, stated_value, tag
 from lensfit.report.plain_numbers import distance_of
 from lensfit.report.report_sections import distance_text, table_row
 from lensfit.workflow.kit.checklist import kit_document
@@ -81,7 +81,7 @@ def summary(lenses: Sequence[Row]) -> str:
     verb = "is" if good == 1 else "are"
     text = f"{good} of {_lens_count(lenses)} {verb} good for match-moving or better"
     if again:
-        text += f"; look at {joined([_title(lens) for lens in again])}"
+        text += f"; look at {sentence_list([_title(lens) for lens in again])}"
     if waiting:
         text += f"; {len(waiting)} not calibrated yet"
     return text + "."
@@ -187,9 +187,9 @@ def _figures(lens: Row, focal: Row) -> list[Any]:
         for one in focal.get("fall_off") or []
     ]
     return [
-        stated(at, "mm"),
-        signed(focal.get("breathing_percent"), "%"),
-        signed(focal.get("distortion_percent"), "%"),
+        stated_value(at, "mm"),
+        signed_number(focal.get("breathing_percent"), "%"),
+        signed_number(focal.get("distortion_percent"), "%"),
         number(focal.get("lateral_colour_px"), "px", 2),
         ([falls[0], falls[-1]] if len(falls) > 1 else falls) or NOTHING,
         number(width.get("centre_px"), "px", 2),
@@ -197,7 +197,7 @@ def _figures(lens: Row, focal: Row) -> list[Any]:
     ]
 
 
-def signed(value: float | None, unit: str) -> str:
+def signed_number(value: float | None, unit: str) -> str:
     """A number with its sign, or a dash."""
     if value is None:
         return NOTHING
@@ -228,7 +228,7 @@ def _match_block(one: Row, titles: dict[str, str]) -> Markup:
     for folder, focal_mm in places:
         cells = [
             tag("td", titles[folder]),
-            tag("td", stated(focal_mm, "mm"), class_="n"),
+            tag("td", stated_value(focal_mm, "mm"), class_="n"),
         ]
         cells += [_match_cell(f, folder, focal_mm) for f in figures]
         rows.append(tag("tr", *cells))
@@ -292,9 +292,9 @@ def _scale_row(title: str, one: Row) -> Markup:
     wrong = abs(one["off_mm"]) > _SIGNIFICANT * one["off_deviation_mm"]
     wrong &= abs(measured - engraved) > _LEAST_RELATIVE * engraved
     text = tag("span", distance_text(measured), class_="odd" if wrong else None)
-    cells = [title, stated(one["focal_length_mm"], "mm"), one["engraved"]]
+    cells = [title, stated_value(one["focal_length_mm"], "mm"), one["engraved"]]
     cells += [distance_text(engraved), text, distance_text(spread)]
-    return table_row("td", [*cells, signed(off_um, "µm")], numeric=3)
+    return table_row("td", [*cells, signed_number(off_um, "µm")], numeric=3)
 
 
 TABLE, PAGE = "kit.json", "kit.html"

@@ -90,7 +90,7 @@ def lens_shoot(kit: Kit, folder: str) -> LensShoot:
         if planned.image_path(take).exists()
     }
     if not own.exists():
-        found |= _under_other_names(planned, _photographs(place), found)
+        found |= _otherwise_named_photographs(planned, _photographs(place), found)
     taken = {path.resolve() for path in found.values()}
     files = _photographs(place)
     beside = tuple(path.name for path in files if path.resolve() not in taken)
@@ -142,7 +142,7 @@ def _take(
     )
 
 
-def _under_other_names(
+def _otherwise_named_photographs(
     planned: Shoot, files: Iterable[Path], found: Mapping[str, Path]
 ) -> dict[str, Path]:
     """Views whose photographs have another ending, or a camera's own number."""

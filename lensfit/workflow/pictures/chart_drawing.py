@@ -83,7 +83,7 @@ def drawing_of(
             seen.image_size_px,
             -(-max(seen.image_size_px) // _LARGE_PX),
         )
-        return Drawing(_averaged(light, shape), inside, True)
+        return Drawing(_averaged_pixels(light, shape), inside, True)
     if of_lines:
         normals = seen.normal * scale
         width = _line_width_px(photograph.light, points, normals, gap_px)
@@ -145,7 +145,7 @@ def _line_width_px(
     return float(np.clip(width, 2 * _LEAST_RADIUS_PX, 2 * reach))
 
 
-def _averaged(canvas: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _averaged_pixels(canvas: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     size = shape[1], shape[0]
     return cv2.resize(canvas, size, interpolation=cv2.INTER_AREA).astype(np.float32)
 
@@ -193,7 +193,7 @@ def modelled_light(
     lit = _lighting(some, fall_off[at], dark)[:, inside]
     tries = []
     for softness in (0.0,) if drawing.blurred else _SOFTNESS_PX:
-        marks = _softened(drawing.marks, softness)
+        marks = _softened_marks(drawing.marks, softness)
         tries.append((*_levels(lit, marks[at][inside], seen[at][inside]), marks))
     _, levels, marks = min(tries, key=lambda one: one[0])
     base, field, contrast = levels.astype(np.float32)
@@ -202,7 +202,7 @@ def modelled_light(
         _lighting(every, fall_off, dark), base, field, contrast, strict=True
     ):
         light += column * (of_field + of_contrast * marks) + of_base
-    return ModelledLight(light, _explained(seen, light, drawing.inside))
+    return ModelledLight(light, _explained_share(seen, light, drawing.inside))
 
 
 def _pixels_of(shape: tuple[int, ...], stride: int = 1) -> tuple[np.ndarray, ...]:
@@ -248,13 +248,13 @@ def _levels(
     return float(np.mean(np.minimum(np.abs(left), limit) ** 2)), found
 
 
-def _softened(marks: np.ndarray, softness_px: float) -> np.ndarray:
+def _softened_marks(marks: np.ndarray, softness_px: float) -> np.ndarray:
     if not softness_px:
         return marks
     return np.asarray(cv2.GaussianBlur(marks, (0, 0), softness_px))
 
 
-def _explained(
+def _explained_share(
     seen: np.ndarray, light: np.ndarray, inside: Bool[np.ndarray, "height width"]
 ) -> float:
     variance = float(np.var(seen[inside])) if inside.any() else 0.0

@@ -77,10 +77,13 @@ def write_model_pictures(
     points = predicted_points(fitted, [o.take for o in shown if o.take is not None])
     shown = [o for o in shown if o.image in points]
     budget = min(_MOST_BYTES, TOTAL_BYTES // max(len(shown), 1))
-    return {o.image: _tried(o, points[o.image], preset, folder, budget) for o in shown}
+    return {
+        o.image: _pictures_or_reason(o, points[o.image], preset, folder, budget)
+        for o in shown
+    }
 
 
-def _tried(
+def _pictures_or_reason(
     observed: Observed,
     points: PredictedPoints,
     preset: Preset,
@@ -132,7 +135,9 @@ def _written(
     stem = observed.overlay.stem if observed.overlay else Path(observed.image).stem
     names = {}
     for name, data in zip(
-        ("photograph", "model", "left"), _encoded(made, budget_bytes), strict=True
+        ("photograph", "model", "left"),
+        _jpegs_within_budget(made, budget_bytes),
+        strict=True,
     ):
         names[name] = f"{FOLDER}/{stem}_{name}.jpg"
         write_bytes_atomic(folder / names[name], data)
@@ -170,8 +175,8 @@ def pictures_of(
     share = min(round_up(max(large, _LEAST_SHARE)), 1.0)
     codes = np.rint(np.clip(left / share, -1, 1) * 127 + 128).astype(np.uint8)
     return Pictures(
-        _displayed(photograph / white),
-        _displayed(model / white),
+        _display_codes(photograph / white),
+        _display_codes(model / white),
         _TWO_WAYS[codes],
         share,
     )
@@ -196,7 +201,7 @@ def _srgb() -> UInt8[np.ndarray, " codes"]:
 _TWO_WAYS, _SRGB = _two_ways(), _srgb()
 
 
-def _displayed(light: np.ndarray) -> UInt8[np.ndarray, "height width"]:
+def _display_codes(light: np.ndarray) -> UInt8[np.ndarray, "height width"]:
     return _SRGB[np.rint(np.clip(light, 0, 1) * (_CODES - 1)).astype(np.int32)]
 
 
@@ -216,7 +221,7 @@ def _fall_off(
     )
 
 
-def _encoded(made: Pictures, budget_bytes: int) -> list[bytes]:
+def _jpegs_within_budget(made: Pictures, budget_bytes: int) -> list[bytes]:
     """All three as JPEG, as large and as good as the budget allows."""
     encoded = [b""]
     for width, quality in _STEPS:

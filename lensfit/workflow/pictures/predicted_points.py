@@ -72,13 +72,13 @@ def drawn_light(
         picture has so many times fewer.
     """
     width, height = (round(side / coarser) for side in size_px)
-    dots = _reduced(dots, (width / size_px[0], height / size_px[1]))
+    dots = _on_larger_pixels(dots, (width / size_px[0], height / size_px[1]))
     light = np.zeros(width * height)
     uneven = _UNEVEN * _spacing_px(dots)
     soft = uneven >= _LEAST_SIGMA_PX
     for first in range(0, len(dots.chief_rays_px), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        x, y = _interpolated(dots.landings.from_chief_mm[some])
+        x, y = _interpolated_rays(dots.landings.from_chief_mm[some])
         step_x, step_y = _steps(x.shape[1:]) * np.float32(0 if soft else dots.sigma_px)
         column = _pixel(x / dots.pixel_mm[0] + step_x, dots.chief_rays_px[some, 0])
         row = _pixel(y / dots.pixel_mm[1] + step_y, dots.chief_rays_px[some, 1])
@@ -105,7 +105,7 @@ def _disc(disc_px: Float[np.ndarray, "2 2"]) -> Float32[np.ndarray, "side side"]
     return drawn / drawn.sum()
 
 
-def _reduced(dots: DotLight, scale: tuple[float, float]) -> DotLight:
+def _on_larger_pixels(dots: DotLight, scale: tuple[float, float]) -> DotLight:
     """The same dots on pixels so many times as many."""
     disc_px = dots.disc_px
     return replace(
@@ -125,7 +125,7 @@ def _spacing_px(dots: DotLight) -> float:
     return float(np.sqrt(4 * np.pi * variance / rays))
 
 
-def _interpolated(
+def _interpolated_rays(
     from_chief_mm: Float[np.ndarray, "dots wavelengths spokes rings 2"],
 ) -> tuple[np.ndarray, np.ndarray]:
     """x and y of interpolated rays: (dots, wavelengths, spokes, rings)."""

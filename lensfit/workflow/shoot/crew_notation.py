@@ -101,10 +101,10 @@ def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
     refuse_unknown_keys(data, _TABLES, error=ShootError, where=path)
     marks = _focus_marks(data.pop("focus_marks", {}), path)
     defaults = _table(data.pop("defaults", {}), "defaults", path)
-    groups = _named(data.pop("group", []), "group", path)
+    groups = _tables_by_name(data.pop("group", []), "group", path)
     targets = [
         _with_lengths(one, _TARGET_LENGTHS, f"[[target]] {k}", path)
-        for k, one in enumerate(_listed(data, "target"), 1)
+        for k, one in enumerate(_listed_tables(data, "target"), 1)
     ]
     by_target = {}
     for number, one in enumerate(targets, 1):
@@ -112,9 +112,9 @@ def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
         by_target[str(one.get("name"))] = shared
     notes: dict[str, None] = {}
     takes = []
-    for number, take in enumerate(_listed(data, "take"), 1):
+    for number, take in enumerate(_listed_tables(data, "take"), 1):
         place = f"[[take]] {number}"
-        joined = _joined(take, groups, by_target, defaults, place, path)
+        joined = _joined_take(take, groups, by_target, defaults, place, path)
         joined = _with_focus_mark(joined, marks, place, path)
         takes.append(_with_f_number(joined, notes, f"{path}: {place}"))
     data |= {k: v for k, v in (("target", targets), ("take", takes)) if v}
@@ -123,7 +123,7 @@ def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
     return data, tuple(notes)
 
 
-def _joined(
+def _joined_take(
     take: Tables,
     groups: Mapping[str, Tables],
     by_target: Mapping[str, Tables],
@@ -278,7 +278,7 @@ def _lengths_mm(value: Any, key: str, where: str) -> Any:
     return value
 
 
-def _listed(data: Tables, key: str) -> list[Tables]:
+def _listed_tables(data: Tables, key: str) -> list[Tables]:
     """The tables of a list; what is none is left to the strict reader."""
     found = data.get(key, [])
     if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
@@ -301,7 +301,7 @@ def _table(
     return plain
 
 
-def _named(groups: Any, key: str, path: Path) -> dict[str, Tables]:
+def _tables_by_name(groups: Any, key: str, path: Path) -> dict[str, Tables]:
     named: dict[str, Tables] = {}
     if not isinstance(groups, list):
         raise ShootError(

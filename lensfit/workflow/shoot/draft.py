@@ -156,25 +156,25 @@ def _target(pattern: Pattern, name: str) -> str:
 
 def _lens(inspections: Sequence[Inspection]) -> str:
     lines = ["[lens]"]
-    lines += _shared(inspections, "lens_model", "name") or [
+    lines += _shared_value_lines(inspections, "lens_model", "name") or [
         'name = "unknown lens"       # TODO: as engraved'
     ]
-    lines += _shared(inspections, "lens_serial", "serial") or [
+    lines += _shared_value_lines(inspections, "lens_serial", "serial") or [
         '# serial = "1234567"        # TODO: as engraved; optional'
     ]
     return "\n".join(lines) + "\n"
 
 
 def _camera(inspections: Sequence[Inspection]) -> str:
-    lines = ["[camera]", *_shared(inspections, "camera_model", "model")]
-    lines += _shared(inspections, "sensor_width_mm", "sensor_width_mm") or [
+    lines = ["[camera]", *_shared_value_lines(inspections, "camera_model", "model")]
+    lines += _shared_value_lines(inspections, "sensor_width_mm", "sensor_width_mm") or [
         "# sensor_width_mm = 24.89   # TODO: of the area that the photographs cover"
     ]
     widths = {inspection.state.sensor_width_mm for inspection in inspections}
     same_sensor = inspections if len(widths) == 1 else ()
-    lines += _shared(same_sensor, "sensor_height_mm", "sensor_height_mm") or [
-        "# sensor_height_mm = 18.67  # left out, photosites are taken as square"
-    ]
+    lines += _shared_value_lines(
+        same_sensor, "sensor_height_mm", "sensor_height_mm"
+    ) or ["# sensor_height_mm = 18.67  # left out, photosites are taken as square"]
     return "\n".join(lines + _mosaic(inspections)) + "\n"
 
 
@@ -192,7 +192,9 @@ def _mosaic(inspections: Sequence[Inspection]) -> list[str]:
     return [hint, *(f"# {toml_value(m)} from the noise of {seen[m]}" for m in known)]
 
 
-def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]:
+def _shared_value_lines(
+    inspections: Sequence[Inspection], name: str, key: str
+) -> list[str]:
     """The line for a value that all photographs share; a comment where they differ."""
     values: dict[object, str] = {}
     for inspection in inspections:

@@ -19,7 +19,7 @@ from typing import final
 
 from msgspec.structs import replace
 
-from lensfit.chart.layout import described
+from lensfit.chart.layout import pattern_description
 from lensfit.chart.pattern import Pattern, make_pattern
 from lensfit.detect.chart_code import read_chart_code
 from lensfit.errors import ChartError, LensfitError, ShootError
@@ -200,8 +200,8 @@ def with_identified_charts(shoot: Shoot, progress: Progress = silent) -> Shoot:
         replace(take, target=take.target or chosen[take.image]) for take in shoot.takes
     )
     notes = tuple(
-        f"the chart was read from its code: {', '.join(described(p))}; its sizes are "
-        "as printed at 100 %"
+        f"the chart was read from its code: {', '.join(pattern_description(p))}; its "
+        "sizes are as printed at 100 %"
         for p in seen
     )
     return replace(shoot, targets=targets, takes=takes, notes=shoot.notes + notes)

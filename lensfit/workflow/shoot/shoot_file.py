@@ -144,7 +144,7 @@ def shoot_of(
     )
     _check_names_are_readable(tables, path)
     unconfirmed = unconfirmed_fields(text)
-    targets = _by_name(tables.target, path)
+    targets = _targets_by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
     return Shoot(
         path=path,
@@ -152,7 +152,7 @@ def shoot_of(
         camera=tables.camera,
         targets=targets,
         takes=tuple(tables.take),
-        notes=_unused(tables) + notes + notes_of_draft(unconfirmed),
+        notes=_unused_target_notes(tables) + notes + notes_of_draft(unconfirmed),
         images=None if images is None else Path(images),
         unconfirmed=unconfirmed,
     )
@@ -178,7 +178,7 @@ def _text(path: Path) -> str:
     return utf8_text(content, path, error=ShootError, remedy=_MEND)
 
 
-def _by_name(targets: list[Target], path: Path) -> dict[str, Target]:
+def _targets_by_name(targets: list[Target], path: Path) -> dict[str, Target]:
     named: dict[str, Target] = {}
     for number, target in enumerate(targets, 1):
         where = f"{path}: [[target]] {number}"
@@ -286,7 +286,7 @@ def _check_distances(take: Take, where: str) -> None:
             )
 
 
-def _unused(tables: ShootFile) -> tuple[str, ...]:
+def _unused_target_notes(tables: ShootFile) -> tuple[str, ...]:
     used = {take.target for take in tables.take}
     return tuple(
         f'target "{target.name}" is in no take'

@@ -14,7 +14,7 @@ import numpy as np
 
 from lensfit.detect.lattice_map import lattice_map
 from lensfit.fitting.chart_view import View
-from lensfit.report.evidence import joined
+from lensfit.report.evidence import sentence_list
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _LEAST_LOG = 0.12
@@ -41,7 +41,7 @@ def aspect_contradictions(takes: Sequence[View]) -> Iterator[Contradiction]:
             continue
         alike = np.mean(np.abs(np.array(found) - middle) < _ALIKE_LOG)
         if abs(middle) > _LEAST_LOG and alike > 0.5:
-            yield _stretched(mine, float(np.exp(middle)))
+            yield _aspect_contradiction(mine, float(np.exp(middle)))
             return
 
 
@@ -72,7 +72,7 @@ def size_contradiction(
         return None
     others = [size for size, _ in unusual]
     each = [_size_text(sizes_px, size, usual) for size in others]
-    text = f"photographs differ in size: {joined(each)}, "
+    text = f"photographs differ in size: {sentence_list(each)}, "
     text += f"the others {usual[0]} x {usual[1]} px"
     return Contradiction(
         kind="photograph_size",
@@ -92,7 +92,7 @@ def _size_text(
 ) -> str:
     """Which photographs have this size, and what that may come from."""
     names = [name for name, one in sizes_px.items() if one == size]
-    named = joined(names[:_MOST_NAMES])
+    named = sentence_list(names[:_MOST_NAMES])
     more = len(names) - _MOST_NAMES
     named += f" and {more} more" * (more > 0)
     verb = "is" if len(names) == 1 else "are"
@@ -103,7 +103,7 @@ def _size_text(
     return f"{named} {verb} {size[0]} x {size[1]} px ({cause})"
 
 
-def _stretched(takes: Sequence[View], stretch: float) -> Contradiction:
+def _aspect_contradiction(takes: Sequence[View], stretch: float) -> Contradiction:
     first = takes[0]
     width_mm, height_mm = first.sensor_size_mm
     columns, rows = first.observations.image_size_px

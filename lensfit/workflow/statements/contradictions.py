@@ -106,7 +106,7 @@ def contradictions_of_report(
     yield from nonlinear_views(views) or impossible_fall_off(entries)
     yield from contradicted_counts(shoot, observed)
     yield from assumed_encodings(observed)
-    yield from over_exposed(observed)
+    yield from exposure_contradictions(observed)
     if shoot.unconfirmed:
         named = "; ".join(shoot.unconfirmed)
         yield Contradiction(
@@ -118,7 +118,7 @@ def contradictions_of_report(
         )
 
 
-def over_exposed(observed: Sequence[Observed]) -> Iterator[Contradiction]:
+def exposure_contradictions(observed: Sequence[Observed]) -> Iterator[Contradiction]:
     """Photographs most of whose points touch clipped samples, if most do."""
     views = [one.take for one in observed if one.take is not None]
     clipped = [one for one in views if np.mean(one.observations.saturated) > _MOSTLY]

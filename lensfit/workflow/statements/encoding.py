@@ -57,11 +57,11 @@ def impossible_fall_off(entries: Sequence[dict[str, Any]]) -> Iterator[Contradic
     ----------
     entries : Of a report.
     """
-    found = [*_beyond_the_law(entries), *_changed_by_focus(entries)]
+    found = [*_excess_fall_off(entries), *_changed_by_focus(entries)]
     yield from (found or list(_below_the_law(entries)))[:1]
 
 
-def _beyond_the_law(entries: Sequence[dict[str, Any]]) -> Iterator[Contradiction]:
+def _excess_fall_off(entries: Sequence[dict[str, Any]]) -> Iterator[Contradiction]:
     known = [c.get("f_number") for e in entries for c in e.get("fall_off") or []]
     least = max(_STOPPED_DOWN, _BELOW_WIDEST * min(filter(None, known), default=0.0))
     for entry in entries:

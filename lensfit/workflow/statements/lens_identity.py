@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from lensfit.detect.lattice_map import lattice_map
 from lensfit.detect.observations import POINT
 from lensfit.fitting.chart_view import View
-from lensfit.report.evidence import joined, plural
+from lensfit.report.evidence import plural, sentence_list
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _AT = 0.8
@@ -38,14 +38,17 @@ def mixed_lenses(takes: Sequence[View]) -> Iterator[Contradiction]:
     """One for each stated focal length that views of two lenses share."""
     for focal_mm in sorted({take.focal_length_mm for take in takes}):
         mine = [take for take in takes if take.focal_length_mm == focal_mm]
-        for seen, words in ((_by_scale, _scale_words), (_by_distortion, _edge_words)):
+        for seen, words in (
+            (_groups_by_scale, _scale_words),
+            (_groups_by_distortion, _edge_words),
+        ):
             parted = seen(mine)
             if parted is not None:
-                yield _mixed(focal_mm, *parted, words)
+                yield _mixed_lenses(focal_mm, *parted, words)
                 break
 
 
-def _mixed(
+def _mixed_lenses(
     focal_mm: float,
     fewer: list[View],
     more: list[View],
@@ -76,7 +79,7 @@ def lenses_contradiction(
         kind="lens_identity",
         limit="unusable",
         text=f"two lenses or zoom settings are mixed at {focal_mm:g} mm, or two sensor "
-        f"modes: {joined(names)} {difference}",
+        f"modes: {sentence_list(names)} {difference}",
         remedy="calibrate them apart, with a shoot file for each lens",
         statement="focal_length_mm",
         stated=focal_mm,
@@ -93,13 +96,15 @@ def _edge_words(difference_px: float) -> str:
     return f"distort the edge of the frame {difference_px:.1f} px otherwise than"
 
 
-def _by_distortion(takes: list[View]) -> tuple[list[View], list[View], float] | None:
+def _groups_by_distortion(
+    takes: list[View],
+) -> tuple[list[View], list[View], float] | None:
     found = [(edge_distortion_px(take), take) for take in takes]
     known = sorted(
         ((value, take) for value, take in found if value is not None),
         key=lambda one: one[0],
     )
-    parted = _parted([value for value, _ in known], _LEAST_GAP_PX)
+    parted = _largest_gap([value for value, _ in known], _LEAST_GAP_PX)
     if parted is None:
         return None
     at, gap_px = parted
@@ -117,14 +122,14 @@ def _share(groups: Sequence[list[View]], *keys: str) -> bool:
     return bool(sides[0] & sides[1])
 
 
-def _by_scale(takes: list[View]) -> tuple[list[View], list[View], float] | None:
+def _groups_by_scale(takes: list[View]) -> tuple[list[View], list[View], float] | None:
     """Two groups of at least two views that no target or stated distance explains."""
     found = [(implied_focal_ratio(take), take) for take in takes]
     known = sorted(
         ((float(np.log(value)), take) for value, take in found if value is not None),
         key=lambda one: one[0],
     )
-    parted = _parted([value for value, _ in known], _LEAST_GAP_LOG)
+    parted = _largest_gap([value for value, _ in known], _LEAST_GAP_LOG)
     if parted is None:
         return None
     at, _ = parted
@@ -177,7 +182,7 @@ def edge_distortion_px(take: View) -> float | None:
     board = board / max(np.ptp(board, axis=0).max(), 1e-9)
     normal = np.nan_to_num(seen.normal[some])
     points = (seen.family[some] == POINT)[:, None]
-    displaced = _displaced_by_axis if take.anamorphic else _displaced
+    displaced = _displaced_by_axis if take.anamorphic else _displaced_place
 
     def residual(p: np.ndarray) -> np.ndarray:
         matrix = np.append(p[:8], 1.0).reshape(3, 3)
@@ -199,7 +204,7 @@ def edge_distortion_px(take: View) -> float | None:
     return float(moved @ corner * diagonal_px)
 
 
-def _displaced(place: np.ndarray, terms: np.ndarray) -> np.ndarray:
+def _displaced_place(place: np.ndarray, terms: np.ndarray) -> np.ndarray:
     """By two radial terms."""
     r2 = (place**2).sum(1, keepdims=True)
     return place * r2 * (terms[0] + r2 * terms[1])
@@ -212,7 +217,7 @@ def _displaced_by_axis(place: np.ndarray, terms: np.ndarray) -> np.ndarray:
     return place * (powers @ terms.reshape(2, 3).T)
 
 
-def _parted(values: Sequence[float], least_gap: float) -> tuple[int, float] | None:
+def _largest_gap(values: Sequence[float], least_gap: float) -> tuple[int, float] | None:
     """Where sorted values fall into two groups, and the gap; None where into one."""
     if len(values) < 3:
         return None

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.fitting.chart_view import View
-from lensfit.report.evidence import joined
+from lensfit.report.evidence import sentence_list
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _DEGREE = 6
@@ -153,8 +153,8 @@ def _developed_otherwise(unlike: dict[str, float], usual: float) -> Contradictio
     return Contradiction(
         kind="encoding",
         limit="undistortion",
-        text=f"the encoding of {joined(names)} is not that of the others: samples are "
-        f"light to the power {power:.2f} there, {usual:.2f} elsewhere",
+        text=f"the encoding of {sentence_list(names)} is not that of the others: samples "
+        f"are light to the power {power:.2f} there, {usual:.2f} elsewhere",
         remedy="develop all photographs alike, without curves, and check encoding",
         statement="encoding",
         stated=usual,

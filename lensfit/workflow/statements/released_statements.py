@@ -95,7 +95,7 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
         if not releases:
             return
         if most < _EXPLAINS * misfit:
-            yield _unexplained(misfit)
+            yield _unexplained_contradiction(misfit)
             return
         as_well = [
             one
@@ -103,7 +103,7 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
             if much > _AS_WELL * most
         ]
         best = releases[0]
-        yield _named(model, best, as_well, most / misfit)
+        yield _named_contradiction(model, best, as_well, most / misfit)
         shared, distances = best.shared, best.distances
         solution = best.solution
 
@@ -299,7 +299,7 @@ def _change(model: JointModel, release: _Release) -> float:
     return float(np.median(changes))
 
 
-def _named(
+def _named_contradiction(
     model: JointModel, best: _Release, as_well: list[_Release], share: float
 ) -> Contradiction:
     statement, stated, value, unit, images = _value(model, best)
@@ -375,7 +375,7 @@ def _value(
     return "focal_length_mm", focal, focal * factor, "mm", tuple(mine)
 
 
-def _unexplained(misfit: float) -> Contradiction:
+def _unexplained_contradiction(misfit: float) -> Contradiction:
     return Contradiction(
         kind="statements",
         limit="look",

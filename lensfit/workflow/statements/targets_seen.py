@@ -21,7 +21,7 @@ import numpy as np
 from lensfit.detect.lattice_map import lattice_map
 from lensfit.detect.observations import Observations
 from lensfit.errors import LensfitError
-from lensfit.report.evidence import joined
+from lensfit.report.evidence import sentence_list
 from lensfit.workflow.calibration.observe import (
     Observed,
     detections_of,
@@ -77,17 +77,22 @@ def contradicted_targets(
     shown = {one.image: one.shown for one in missed}
     found = Counter(shown.get(one.image, one.target) for one in observed)
     exchanged = found == Counter(one.target for one in observed)
-    return [_exchanged(missed) if exchanged else _not_there(missed, len(observed))]
+    return [
+        _exchange_contradiction(missed)
+        if exchanged
+        else _not_there(missed, len(observed))
+    ]
 
 
-def _exchanged(missed: Sequence[MissedTarget]) -> Contradiction:
+def _exchange_contradiction(missed: Sequence[MissedTarget]) -> Contradiction:
     listed = [f"{Path(m.image).stem} shows “{m.shown}”" for m in missed[:_MOST_NAMES]]
+    shown = sentence_list(listed)
+    stated = sentence_list(list(dict.fromkeys(f"“{m.target}”" for m in missed)))
     return Contradiction(
         kind="exchanged",
         limit="look",
-        text=f"photographs are exchanged: {joined(listed)}, where the takes state "
-        f"{joined(list(dict.fromkeys(f'“{m.target}”' for m in missed)))}; all files "
-        "may be off by one",
+        text=f"photographs are exchanged: {shown}, where the takes state {stated}; all "
+        "files may be off by one",
         remedy="check image of every take against the slates",
         statement="image",
         images=tuple(one.image for one in missed),

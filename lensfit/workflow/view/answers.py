@@ -121,7 +121,7 @@ class RequestQueue:
             )
         self._waiting += 1
         future: Future = self._in_turn.submit(job)
-        future.add_done_callback(self._finished)
+        future.add_done_callback(self._count_finished)
         return await asyncio.wrap_future(future)
 
     async def newest(self, lane: str, job: Callable[[], Any]) -> Any:
@@ -150,7 +150,7 @@ class RequestQueue:
             self._lanes[name] = LatestWins(name)
         return self._lanes[name]
 
-    def _finished(self, _future: Future) -> None:
+    def _count_finished(self, _future: Future) -> None:
         self._waiting -= 1
 
 

@@ -144,15 +144,15 @@ def command_line(started: StartCommand, wanted: LensAdjustments) -> str:
     words += ["--out", "lens"]
     for option in started.options:
         if option[0] not in dropped:
-            words += _joined(option)
+            words += _joined_option(option)
     for word, value in stated.items():
-        words += _joined((word, value))
+        words += _joined_option((word, value))
     if wanted.defocus is False:
         words.append(_NO_DEFOCUS)
     return shlex.join(words)
 
 
-def _joined(option: Sequence[str]) -> list[str]:
+def _joined_option(option: Sequence[str]) -> list[str]:
     """A negative number would read as an option of its own."""
     word, *values = option
     return [f"{word}={values[0]}"] if len(values) == 1 else [word, *values]

@@ -15,7 +15,7 @@ from lensfit.errors import LensfitError
 from lensfit.lens import Channel, Lens
 from lensfit.preset.blocks import Camera
 from lensfit.preset.schema import Preset
-from lensfit.report.plain_numbers import rounded
+from lensfit.report.plain_numbers import rounded_numbers
 from lensfit.units import dioptres_from_mm, mm_from_dioptres
 from lensfit.workflow.calibration.entry_facts import (
     RADII,
@@ -59,7 +59,7 @@ def _position_deviation(lens: Lens) -> Deviation | None:
     return lambda points: np.hypot(*lens.position_standard_deviation_mm(points).T)
 
 
-def _along_x(
+def _radii_along_x(
     lens: Lens, size_mm: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " radii"], Float[np.ndarray, "radii 2"]]:
     """Radii from the principal point to the corner, and points of them to its right."""
@@ -74,33 +74,35 @@ def _lateral_colour(
     """How far red and blue land outward of green, along x."""
     if not lens.has_lateral_colour:
         return None
-    radius, points = _along_x(lens, size_mm)
+    radius, points = _radii_along_x(lens, size_mm)
     green = np.asarray(lens.distorted_from_undistorted(points))
-    curves: Facts = {"radius_mm": rounded(radius, 4)}
+    curves: Facts = {"radius_mm": rounded_numbers(radius, 4)}
     channel: Channel
     for channel in ("r", "b"):
         landed = np.asarray(lens.distorted_from_undistorted(points, channel))
         shift_px = (landed - green)[:, 0] / pixel_mm
-        curves[f"{channel}_px"] = rounded(shift_px, 5)
-        known = _known(
+        curves[f"{channel}_px"] = rounded_numbers(shift_px, 5)
+        known = _deviation_or_none(
             lambda c=channel: lens.lateral_colour_standard_deviation_mm(green, c)
         )
         if known is not None:
-            curves[f"{channel}_sd_px"] = rounded(known[:, 0] / pixel_mm, 5)
+            curves[f"{channel}_sd_px"] = rounded_numbers(known[:, 0] / pixel_mm, 5)
     return curves
 
 
 def _fall_off(lens: Lens, size_mm: tuple[float, float]) -> Facts:
-    radius, points = _along_x(lens, size_mm)
-    curves: Facts = {"f_number": lens.f_number, "radius_mm": rounded(radius, 4)}
+    radius, points = _radii_along_x(lens, size_mm)
+    curves: Facts = {"f_number": lens.f_number, "radius_mm": rounded_numbers(radius, 4)}
     channel: Channel
     for channel in ("r", "g", "b"):
-        curves[channel] = rounded(lens.relative_illumination(points, channel), 5)
-    known = _known(lambda: lens.illumination_standard_deviation(points))
-    return curves if known is None else curves | {"sd": rounded(known, 6)}
+        curves[channel] = rounded_numbers(
+            lens.relative_illumination(points, channel), 5
+        )
+    known = _deviation_or_none(lambda: lens.illumination_standard_deviation(points))
+    return curves if known is None else curves | {"sd": rounded_numbers(known, 6)}
 
 
-def _known(deviation: Callable[[], np.ndarray]) -> np.ndarray | None:
+def _deviation_or_none(deviation: Callable[[], np.ndarray]) -> np.ndarray | None:
     try:
         return deviation()
     except LensfitError:
@@ -135,11 +137,11 @@ def breathing_facts(preset: Preset, lens: Lens) -> Facts | None:
     sizes = [_principal_distance_mm(preset, focal, mm) for mm in focuses_mm]
     deviation = np.array([_relative_deviation(preset, focal, mm) for mm in focuses_mm])
     return {
-        "focus_dioptres": rounded(
+        "focus_dioptres": rounded_numbers(
             np.array([dioptres_from_mm(mm) for mm in focuses_mm]), 6
         ),
-        "larger_percent": rounded(100 * (np.array(sizes) / sizes[0] - 1), 5),
-        "sd_percent": rounded(100 * deviation, 6),
+        "larger_percent": rounded_numbers(100 * (np.array(sizes) / sizes[0] - 1), 5),
+        "sd_percent": rounded_numbers(100 * deviation, 6),
         "photographed_dioptres": sorted(marks),
     }
 

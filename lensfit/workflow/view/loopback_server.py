@@ -86,19 +86,25 @@ class Guard:
         refused = self._refusal(scope)
         if refused is not None:
             status, text = refused
-            await PlainTextResponse(text, status)(scope, receive, _closed(send))
+            await PlainTextResponse(text, status)(
+                scope, receive, _with_closed_headers(send)
+            )
             return
         path = scope["path"][len(self._start) - 1 :]
         inner = {**scope, "path": path, "raw_path": path.encode(), "root_path": ""}
         if path in self._uploads:
-            counted = _counted(receive, self._uploads[path])
-            await self._inner(inner, counted, _closed(send))
+            counted = _limited_receive(receive, self._uploads[path])
+            await self._inner(inner, counted, _with_closed_headers(send))
             return
         body = await _small_body(receive)
         if body is None:
-            await PlainTextResponse(_TOO_LARGE, 413)(scope, receive, _closed(send))
+            await PlainTextResponse(_TOO_LARGE, 413)(
+                scope, receive, _with_closed_headers(send)
+            )
             return
-        await self._inner(inner, _replayed(body, receive), _closed(send))
+        await self._inner(
+            inner, _replayed_body(body, receive), _with_closed_headers(send)
+        )
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = scope["headers"]
@@ -123,7 +129,7 @@ def _is_within(length: bytes, most: int) -> bool:
     return length.isdigit() and len(length) < 12 and int(length) <= most
 
 
-def _counted(receive: Receive, most: int) -> Receive:
+def _limited_receive(receive: Receive, most: int) -> Receive:
     """The same, which ends as if the line were cut once it brings too much."""
     count = 0
 
@@ -148,7 +154,7 @@ async def _small_body(receive: Receive) -> bytes | None:
     return body
 
 
-def _replayed(body: bytes, receive: Receive) -> Receive:
+def _replayed_body(body: bytes, receive: Receive) -> Receive:
     """A body that was read already, and then whatever comes."""
     is_read = False
 
@@ -162,7 +168,7 @@ def _replayed(body: bytes, receive: Receive) -> Receive:
     return replayed
 
 
-def _closed(send: Send) -> Send:
+def _with_closed_headers(send: Send) -> Send:
     """The same, with headers that let a page load nothing from elsewhere; those that an
     answer states itself stay."""
 

@@ -122,34 +122,34 @@ def view_codes(
 def _processor(config: Any, wanted: ViewTransform) -> Any:
     display = wanted.display or config.getDefaultDisplay()
     view = wanted.view or config.getDefaultView(display)
-    forward = _installed().TransformDirection.TRANSFORM_DIR_FORWARD
+    forward = _required_opencolorio().TransformDirection.TRANSFORM_DIR_FORWARD
     with _as_sentences(wanted.config):
         found = config.getProcessor(wanted.space, display, view, forward)
         return found.getDefaultCPUProcessor()
 
 
 def _config(name: str) -> Any:
-    _installed()
+    _required_opencolorio()
     if name not in config_names():
         raise SettingsError(
             f"there is no OpenColorIO config {name!r} here",
             remedy="set $OCIO to yours, or choose one that OpenColorIO brings along",
         )
     path = os.environ["OCIO"] if name == ENVIRONMENT else name
-    return _loaded(path, file_stamp(Path(path)))
+    return _loaded_config(path, file_stamp(Path(path)))
 
 
 @lru_cache(maxsize=4)
-def _loaded(path: str, stamp: tuple[int, int] | None) -> Any:
+def _loaded_config(path: str, stamp: tuple[int, int] | None) -> Any:
     del stamp  # part of the key alone: an edited file has another
     with _as_sentences(path):
-        return _installed().Config.CreateFromFile(path)
+        return _required_opencolorio().Config.CreateFromFile(path)
 
 
 @contextmanager
 def _as_sentences(config: str) -> Iterator[None]:
     """What OpenColorIO cannot do with a config, as an error that names it."""
-    ocio = _installed()
+    ocio = _required_opencolorio()
     # A missing file is no kind of the first; names may be no text.
     known = ocio.Exception, ocio.ExceptionMissingFile, UnicodeError
     try:
@@ -162,7 +162,7 @@ def _as_sentences(config: str) -> Iterator[None]:
         ) from error
 
 
-def _installed() -> Any:
+def _required_opencolorio() -> Any:
     found = _opencolorio()
     if found is None:
         raise LensfitError(

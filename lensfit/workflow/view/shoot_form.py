@@ -75,7 +75,7 @@ def form_of(path: Path, images: Path | None) -> tuple[dict[str, Any], Shoot | No
     """
     data, fault, shoot = None, None, None
     try:
-        data = _parsed(_text(path), path)
+        data = _parsed_toml(_text(path), path)
         shoot = load_shoot(path, images)
     except ShootError as error:
         fault = {"error": str(error), **place_of_error(error)._asdict()}
@@ -159,7 +159,7 @@ def require_named(path: Path, where: Place, named: str | None) -> None:
     """
     if named is None or where.table not in _LISTED:
         return
-    listed = _parsed(_text(path), path).get(where.table)
+    listed = _parsed_toml(_text(path), path).get(where.table)
     tables = listed if isinstance(listed, list) else []
     place = where.place or 0
     found = tables[place] if place < len(tables) else None
@@ -202,7 +202,7 @@ def add_target(path: Path, images: Path | None) -> None:
     ShootError, OutputError : As `set_field`.
     """
     text = _text(path)
-    count = len(_parsed(text, path).get("target", []))
+    count = len(_parsed_toml(text, path).get("target", []))
     changed = with_table(text, "target", _NEW_TARGET.format(count + 1))
     _write(path, images, changed, Place("target", count, None))
 
@@ -270,7 +270,7 @@ def _write(
             remedy=_BY_HAND,
         )
     try:
-        shoot_of(_parsed(text, path), text, path, images)
+        shoot_of(_parsed_toml(text, path), text, path, images)
     except ShootError as error:
         found = place_of_error(error)
         if found == where or _is_whole(path, images):
@@ -305,7 +305,7 @@ def _text(path: Path) -> str:
         raise ShootError(f"cannot be read ({error})", where=path) from error
 
 
-def _parsed(text: str, path: Path) -> dict[str, Any]:
+def _parsed_toml(text: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -109,7 +109,7 @@ class ViewedLens:
         self._start = _start_camera(preset, opened)
         if opened.focus_distance_mm is None:
             measured_mm = self._start["focus_distance_mm"]
-            _, focus_mm = self._scaled(opened).plate_state(None, measured_mm)
+            _, focus_mm = self._scaled_look(opened).plate_state(None, measured_mm)
             self._start["focus_distance_mm"] = focus_mm
 
     def start(self) -> dict[str, Any]:
@@ -124,7 +124,7 @@ class ViewedLens:
             "camera": {n: plain_distance(v) for n, v in self._start.items()},
             "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
             "aspect": preset.camera.sensor_width_mm / preset.camera.sensor_height_mm,
-            "ranges": lens_ranges(preset, self._scaled(self._opened)),
+            "ranges": lens_ranges(preset, self._scaled_look(self._opened)),
         }
 
     def lens(self, wanted: LensAdjustments, f_number: float | None = None) -> Lens:
@@ -134,7 +134,7 @@ class ViewedLens:
         ------
         LensfitError : The preset does not reach that state.
         """
-        camera, scaled = self._start | wanted.camera, self._scaled(wanted)
+        camera, scaled = self._start | wanted.camera, self._scaled_look(wanted)
         stop = camera["f_number"] if f_number is None else f_number
         focal, focus = scaled.measured_state(
             camera["focal_length_mm"], camera["focus_distance_mm"]
@@ -145,21 +145,21 @@ class ViewedLens:
         lens = self.preset.at(focal, stop, focus, knobs=knobs)
         if scaled.note is None:
             return lens
-        spanned = self._spanned(scaled)
+        spanned = self._spanned_camera(scaled)
         return replace(
             lens,
             sensor_size_mm=(spanned.sensor_width_mm, spanned.sensor_height_mm),
             notes=(*lens.notes, scaled.note),
         )
 
-    def _scaled(self, wanted: LensAdjustments) -> ScaledLook:
+    def _scaled_look(self, wanted: LensAdjustments) -> ScaledLook:
         """How the adjusted camera stands for the one that the lens was measured on."""
         if not self._scales:
             return UNSCALED
         focal = (self._start | wanted.camera)["focal_length_mm"]
         return scaled_look(self.preset, focal, self._sensor_width_mm)
 
-    def _spanned(self, scaled: ScaledLook) -> Camera:
+    def _spanned_camera(self, scaled: ScaledLook) -> Camera:
         """What the frame spans of the photographed sensor."""
         own = self.preset.camera
         if scaled == UNSCALED:
@@ -188,7 +188,7 @@ class ViewedLens:
         if key not in self._widths_mm:
             if len(self._widths_mm) >= _KEPT_WIDTHS:
                 self._widths_mm.clear()
-            to_plate = self._scaled(wanted).lengths
+            to_plate = self._scaled_look(wanted).lengths
             self._widths_mm[key] = self._width_mm(name, wanted) * to_plate
         return self._widths_mm[key]
 
@@ -230,7 +230,7 @@ class ViewedLens:
             self._object_distance_mm(lens, wanted),
             self._pixel_mm(lens),
         )
-        to_plate = self._scaled(wanted).lengths
+        to_plate = self._scaled_look(wanted).lengths
         width_mm = max(self.width_mm("field", wanted), least_mm) / to_plate
         tiles = field_tiles(lens, distance, width_mm)
         return {
@@ -252,7 +252,7 @@ class ViewedLens:
         ------
         LensfitError : It is not known at that state.
         """
-        lens, to_plate = self.lens(wanted), self._scaled(wanted).lengths
+        lens, to_plate = self.lens(wanted), self._scaled_look(wanted).lengths
         distance, point = (
             self._object_distance_mm(lens, wanted),
             _point_mm(lens, wanted),
@@ -298,7 +298,7 @@ class ViewedLens:
         lenses = [self.lens(wanted, stop) for stop in stops]
         pixel_mm, point = self._pixel_mm(lens), _point_mm(lens, wanted)
         defocus = self._defocus(lens, lenses[0], wanted)
-        scaled = self._scaled(wanted)
+        scaled = self._scaled_look(wanted)
         width_mm = max(self.width_mm("through", wanted), least_mm) / scaled.lengths
         found = through_tiles(lenses, point, defocus, width_mm)
         return {
@@ -331,7 +331,7 @@ class ViewedLens:
         """
         lens = self.lens(wanted)
         of_stops = [self.lens(wanted, stop) for stop in self._fall_off_stops(lens)]
-        camera = self._spanned(self._scaled(wanted))
+        camera = self._spanned_camera(self._scaled_look(wanted))
         facts = lens_facts(lens, of_stops, camera)
         found = entry_figures(facts, msgspec.to_builtins(camera))
         breath = breathing_facts(self.preset, lens)
@@ -342,7 +342,7 @@ class ViewedLens:
         """Before the measured lens."""
         stated = distance_of(wanted.object_distance_mm)
         if stated is not None:
-            return stated / self._scaled(wanted).distances
+            return stated / self._scaled_look(wanted).distances
         found = lens.focus_distance_mm
         if found is None and lens.blur is not None:
             found = float(lens.blur.reference_distance_mm)

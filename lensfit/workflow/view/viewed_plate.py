@@ -129,14 +129,14 @@ class ViewedPlate:
         with self._keeping:
             found = self._made.get(key)
         if found is None:
-            found = self._rendered(wanted, quality)
+            found = self._rendered_plate(wanted, quality)
             with self._keeping:
                 self._made[key] = found
                 while len(self._made) > _PICTURES:
                     self._made.popitem(last=False)
         return found
 
-    def _rendered(self, wanted: LensAdjustments, quality: Quality) -> np.ndarray:
+    def _rendered_plate(self, wanted: LensAdjustments, quality: Quality) -> np.ndarray:
         plate = self.plate(wanted.frame)
         options = replace(
             adjusted_options(self.options, wanted),
@@ -259,15 +259,15 @@ class ViewedPlate:
         changed = save_settings(self.settings_path, settings_tables(wanted))
         now = self._state(self.options, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
-            return SavedSettings(changed, _unsaved(wanted))
+            return SavedSettings(changed, _unsaved_options(wanted))
         note = (
             f"{self.settings_path} is written, but something that counts before it "
             "says otherwise: a table [[frames]], a sidecar or an option here"
         )
-        return SavedSettings(changed, [note, *_unsaved(wanted)])
+        return SavedSettings(changed, [note, *_unsaved_options(wanted)])
 
 
-def _unsaved(wanted: LensAdjustments) -> list[str]:
+def _unsaved_options(wanted: LensAdjustments) -> list[str]:
     """What a settings file does not hold."""
     if wanted.defocus is None:
         return []

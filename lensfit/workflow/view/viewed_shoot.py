@@ -109,7 +109,7 @@ class CheckedPhotographs:
         try:
             for path in self._photographs():
                 self._busy = path
-                self._found[path] = self._checked(path)
+                self._found[path] = self._checked_photograph(path)
                 self._busy = None
         except LensfitError as error:
             self._failed = str(error)
@@ -122,7 +122,7 @@ class CheckedPhotographs:
                 yield path
         yield from new_photographs(self.folder, lambda: not self._ended.is_set())
 
-    def _checked(self, path: Path) -> CheckedPhotograph:
+    def _checked_photograph(self, path: Path) -> CheckedPhotograph:
         try:
             return CheckedPhotograph(path, self._session.check(path), None)
         except LensfitError as error:

@@ -18,7 +18,7 @@ from look_makers import (
     within,
 )
 
-from lensfit.rendering.look.glare import SharpLayer, bloomed, blur_of_light
+from lensfit.rendering.look.glare import SharpLayer, blur_of_light, picture_with_bloom
 
 CENTRE = (120.5, 80.5)
 
@@ -93,12 +93,12 @@ def test_the_farther_out_of_focus_the_wider():
 def test_the_size_is_that_of_both_in_quadrature():
     picture = with_light(80, 120, 101.0)
     more = np.full((HEIGHT // 4, WIDTH // 4), 8.0, np.float32)
-    grown = bloomed(picture, 1.0, 1.0, 6.0, 2.0, more)[..., 1].astype(float)
+    grown = picture_with_bloom(picture, 1.0, 1.0, 6.0, 2.0, more)[..., 1].astype(float)
     grown[80, 120] -= 1
     assert within(grown, CENTRE, 10.0) == pytest.approx(0.5, abs=0.04)
     assert grown.sum() == pytest.approx(100, rel=1e-4)
-    none = bloomed(picture, 1.0, 1.0, 6.0, 2.0, 0 * more)
-    assert np.array_equal(none, bloomed(picture, 1.0, 1.0, 6.0, 2.0))
+    none = picture_with_bloom(picture, 1.0, 1.0, 6.0, 2.0, 0 * more)
+    assert np.array_equal(none, picture_with_bloom(picture, 1.0, 1.0, 6.0, 2.0))
 
 
 def test_growth_is_a_knob_and_needs_depth():

@@ -5,7 +5,7 @@ import pytest
 from look_makers import HEIGHT, WIDTH, grey, looked, with_light
 
 from lensfit.optics.spectrum import CENTRES_NM, REFERENCE_NM
-from lensfit.rendering.look.glint import Star, glinted, star_kernel
+from lensfit.rendering.look.glint import Star, picture_with_glints, star_kernel
 
 ROW, COLUMN = 80, 120
 
@@ -108,5 +108,7 @@ def test_a_larger_plate_is_computed_smaller_and_looks_the_same():
     large = np.zeros((16 * HEIGHT, 16 * WIDTH, 1), np.float32)
     large[16 * ROW : 16 * ROW + 64, 16 * COLUMN : 16 * COLUMN + 64] = 100
     one = Star(4, 0.1 * 16 * WIDTH, 17.0, 6e-4 * 16 * WIDTH, 0.0)
-    small, whole = (glinted(large, 0.0, 1.0, one, least) for least in (2.0, 9.0))
+    small, whole = (
+        picture_with_glints(large, 0.0, 1.0, one, least) for least in (2.0, 9.0)
+    )
     assert np.linalg.norm(small - whole) < 0.01 * np.linalg.norm(whole)

@@ -8,7 +8,7 @@ from lensfit.errors import LensfitError
 from lensfit.rendering.look.white_balance import (
     REC709,
     balance_matrix,
-    balanced,
+    balanced_picture,
     daylight_xy,
     planckian_xy,
     white_xyz,
@@ -111,7 +111,7 @@ def test_known_gain_of_tungsten():
 def test_what_is_no_number_keeps_its_bits_and_negatives_stay_linear():
     colour = noise()[:4, :4]
     colour[0, 0, 1], colour[1, 1, 2], colour[2, 2, 0] = np.nan, np.inf, -3
-    made = balanced(colour, balance_matrix(4000, 0))
+    made = balanced_picture(colour, balance_matrix(4000, 0))
     for place in ((0, 0), (1, 1)):
         assert made[place].tobytes() == colour[place].tobytes()
     assert made[2, 2] == pytest.approx(balance_matrix(4000, 0) @ colour[2, 2], rel=1e-5)
