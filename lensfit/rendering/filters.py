@@ -15,11 +15,11 @@ RMS error of a shifted sine of unit amplitude, by its frequency in cycles/px:
 OpenCV's cubic (a = -0.75) does not reproduce a ramp; `cubic` is the same kernel, read
 at the fraction where it does, so that OpenCV can do the work
 (`resample.remapped_pixels`). On a picture with a natural spectrum (amplitude as 1/f) it
-is as good as catmull-rom; on a smooth picture the others are better. A prefiltered cubic spline is the most accurate
-for its taps, but its prefilter rings over a dozen pixels, which a highlight of a
-thousand times its surroundings makes visible. All filters here have compact support and
-leave sample positions untouched, and catmull-rom and keys-6 reproduce quadratics and
-cubics. sinc-16 is the sinc under a Hann window, which is long enough to keep what lies
+is as good as catmull-rom; on a smooth picture the others are better. A prefiltered
+cubic spline is the most accurate for its taps, but its prefilter rings over a dozen
+pixels, which a highlight of a thousand times its surroundings makes visible. All
+filters here have compact support and leave sample positions untouched, and catmull-rom
+and keys-6 reproduce quadratics and cubics. sinc-16 is the sinc under a Hann window, which is long enough to keep what lies
 close to the sampling limit, reproduces a ramp and reads sixteen times the samples: for
 pictures that are warped there and back (`lensfit undistort`, then `lensfit apply`).
 

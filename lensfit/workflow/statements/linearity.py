@@ -153,8 +153,8 @@ def _developed_otherwise(unlike: dict[str, float], usual: float) -> Contradictio
     return Contradiction(
         kind="encoding",
         limit="undistortion",
-        text=f"the encoding of {sentence_list(names)} is not that of the others: samples "
-        f"are light to the power {power:.2f} there, {usual:.2f} elsewhere",
+        text=f"the encoding of {sentence_list(names)} is not that of the others: "
+        f"samples are light to the power {power:.2f} there, {usual:.2f} elsewhere",
         remedy="develop all photographs alike, without curves, and check encoding",
         statement="encoding",
         stated=usual,
