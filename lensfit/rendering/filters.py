@@ -19,9 +19,10 @@ is as good as catmull-rom; on a smooth picture the others are better. A prefilte
 cubic spline is the most accurate for its taps, but its prefilter rings over a dozen
 pixels, which a highlight of a thousand times its surroundings makes visible. All
 filters here have compact support and leave sample positions untouched, and catmull-rom
-and keys-6 reproduce quadratics and cubics. sinc-16 is the sinc under a Hann window, which is long enough to keep what lies
-close to the sampling limit, reproduces a ramp and reads sixteen times the samples: for
-pictures that are warped there and back (`lensfit undistort`, then `lensfit apply`).
+and keys-6 reproduce quadratics and cubics. sinc-16 is the sinc under a Hann window,
+which is long enough to keep what lies close to the sampling limit, reproduces a ramp
+and reads sixteen times the samples: for pictures that are warped there and back
+(`lensfit undistort`, then `lensfit apply`).
 
 Reference: R. G. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
 """
