@@ -26,8 +26,8 @@ from scipy.ndimage import gaussian_filter
 from lensfit.detect.patches import (
     Flattened,
     Patches,
-    flatten_bright_dot,
-    flatten_dark_dot,
+    flatten_bright,
+    flatten_dark,
     second_moments_about,
     unevenly_lit_px,
 )
@@ -224,11 +224,7 @@ def _measure(
     rho = patch.radius(windows.shape_px2, patch.start)
     radius = np.linalg.det(windows.shape_px2).astype(np.float32)[:, None] ** 0.25
     ring = (rho > 1 + 0.5 / radius) & (rho < windows.ring[:, None]) & patch.inside
-    flat = (
-        flatten_bright_dot(patch, ring)
-        if bright
-        else flatten_dark_dot(patch, ring, radius)
-    )
+    flat = flatten_bright(patch, ring) if bright else flatten_dark(patch, ring, radius)
     core = ((rho < windows.core[:, None]) & patch.inside).astype(np.float32)
     level = (core * flat.smooth).sum(1) / np.maximum(core.sum(1), 1e-3)
     centre, aperture, weight, light = patch.start, core, core, core

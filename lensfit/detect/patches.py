@@ -100,7 +100,7 @@ class Flattened(NamedTuple):
     noise: np.ndarray
 
 
-def flatten_bright_dot(patch: Patches, ring: np.ndarray) -> Flattened:
+def flatten_bright(patch: Patches, ring: np.ndarray) -> Flattened:
     """Take off the light around a bright dot: it adds to the dot's own."""
     plane, covariance, noise = fitted_background(patch, patch.sharp, ring)
     background = plane.astype(np.float32) @ patch.design[:, :PLANE].T
@@ -108,7 +108,7 @@ def flatten_bright_dot(patch: Patches, ring: np.ndarray) -> Flattened:
     return Flattened(sharp, smooth, plane, covariance, noise)
 
 
-def flatten_dark_dot(patch: Patches, ring: np.ndarray, radius: np.ndarray) -> Flattened:
+def flatten_dark(patch: Patches, ring: np.ndarray, radius: np.ndarray) -> Flattened:
     """Undo the illumination of a dark dot, which reflects the light that falls on it.
 
     It is a plane of the logarithm, since fall-off and shadows multiply; in the steep

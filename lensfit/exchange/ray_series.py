@@ -164,9 +164,7 @@ def fit_ray_series(
         bent, light = _lines(scene, nodes, places, channel)
         channels.append(_channel_series(bent, nodes, places, scene))
         if channel == scene.channels[len(scene.channels) // 2]:
-            weight = _pruned_series(
-                nodes, places, light[:, :, None], (_INVISIBLE_LIGHT,)
-            )
+            weight = _pruned(nodes, places, light[:, :, None], (_INVISIBLE_LIGHT,))
     assert weight is not None
     made = CyclesLens(
         frame.sensor_width_mm,
@@ -299,7 +297,7 @@ def _channel_series(
     crossing = unseen / scene.vergences_per_mm[-1]
     limits = (unseen, unseen, crossing, crossing)
     x, y = (
-        _pruned_series(
+        _pruned(
             nodes,
             places,
             np.stack(
@@ -312,7 +310,7 @@ def _channel_series(
     return x, y
 
 
-def _pruned_series(
+def _pruned(
     nodes: np.ndarray,
     places: np.ndarray,
     values: Float[np.ndarray, "nodes places columns"],
@@ -360,7 +358,7 @@ def _opening(scene: _Scene) -> LensOpening:
 def _with_brightness(made: CyclesLens, scene: _Scene) -> CyclesLens:
     """So that the mean over all places is the relative illumination."""
     nodes = _nodes(*_LIGHT_NODES)
-    wanted = _wanted_transmission(made, scene, nodes * scene.half_mm)
+    wanted = _wanted_light(made, scene, nodes * scene.half_mm)
     degrees, shapes = _basis(nodes, _LIGHT_DEGREE)
     found = np.linalg.lstsq(shapes, wanted.T, rcond=None)[0]
     keep = np.abs(found).max(1) > _INVISIBLE_LIGHT
@@ -373,11 +371,9 @@ def _with_brightness(made: CyclesLens, scene: _Scene) -> CyclesLens:
     return CyclesLens(made.width_mm, made.half_mm, channels, made.weight, made.opening)
 
 
-def _wanted_transmission(
-    made: CyclesLens, scene: _Scene, at_mm: np.ndarray
-) -> np.ndarray:
+def _wanted_light(made: CyclesLens, scene: _Scene, at_mm: np.ndarray) -> np.ndarray:
     """Relative illumination over the mean light that comes through, of each channel."""
-    passed = _mean_transmission(made, at_mm)
+    passed = _mean_light(made, at_mm)
     dark = passed < _DARK * passed.max()
     rows = []
     for channel in scene.channels:
@@ -387,7 +383,7 @@ def _wanted_transmission(
     return np.stack(rows)
 
 
-def _mean_transmission(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
+def _mean_light(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
     """Mean weight over evenly drawn places, those that are stopped counting nothing."""
     places = _spiral(_MEAN_PLACES)
     weight = made.weight.on_grid(at_mm / np.array(made.half_mm), places)[..., 0]
@@ -410,16 +406,14 @@ def _series_error(made: CyclesLens, scene: _Scene) -> RaySeriesError:
     chief = _ray_miss_px(
         made, scene, green_mm, np.zeros((1, 2)), middle, scene.vergences_per_mm[1]
     )
-    wanted = _wanted_transmission(made, scene, green_mm) * _mean_transmission(
-        made, green_mm
-    )
+    wanted = _wanted_light(made, scene, green_mm) * _mean_light(made, green_mm)
     half = np.array(made.half_mm)
     given = np.stack(
         [
             one.brightness.at(green_mm / half, np.zeros_like(green_mm))[:, 0]
             for one in made.channels
         ]
-    ) * _mean_transmission(made, green_mm)
+    ) * _mean_light(made, green_mm)
     return RaySeriesError(
         residual_from(chief),
         residual_from(np.concatenate(off)),

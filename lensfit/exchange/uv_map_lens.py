@@ -115,12 +115,8 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
             remedy="give --direction undistort (values are distorted positions) or "
             "redistort",
         )
-    width = _known_number(
-        found, stated.sensor_width_mm, "lens/aperture", path, "sensor-width"
-    )
-    focal = _known_number(
-        found, stated.focal_length_mm, "lens/focal", path, "focal-length"
-    )
+    width = _mm_of(found, stated.sensor_width_mm, "lens/aperture", path, "sensor-width")
+    focal = _mm_of(found, stated.focal_length_mm, "lens/focal", path, "focal-length")
     display = found.display_window
     size = (display.width, display.height)
     if stated.size_px not in (None, size):
@@ -157,7 +153,7 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
     )
 
 
-def _known_number(
+def _mm_of(
     found: Stmap, stated: float | None, key: str, path: Path, option: str
 ) -> float:
     value = stated if stated is not None else found.attributes.get(key)

@@ -267,9 +267,7 @@ def fit_wavefront(
     times = _DOTS_FACTOR_ANAMORPHIC if layout.anamorphic else 1
     fine_dots = times * effort.fine_dots(len(photographs))
     more = _fine_dots(every, photographs, spectrum, fine_dots)
-    begun = _candidates_on_pixels(
-        middle, more, allowed, both_sides=not coarse.side_stated
-    )
+    begun = _pixel_candidates(middle, more, allowed, both_sides=not coarse.side_stated)
     fine = [fine_fit(stage, effort.rounds) for stage in begun]
     candidates = [candidate_at(stage, cost_at_initial_weights) for stage in fine]
     progress("wavefront", 3, 4)
@@ -347,7 +345,7 @@ def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]
     return open_candidates(found, _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides)
 
 
-def _candidates_on_pixels(
+def _pixel_candidates(
     middle: list[Candidate],
     more: DotData,
     allowed: Collection[str] | None,
