@@ -54,7 +54,6 @@ def pupil_nodes(
     nodes: int,
     sharpness: float = SHARPNESS,
     turn_rad: Float[Array, ""] | float = 0.0,
-    ring: Float[Array, ""] | float = 0.5,
 ) -> PupilNodes:
     """Rays that fill the opening evenly, in a spiral of a constant angle.
 
@@ -68,8 +67,6 @@ def pupil_nodes(
     stop_radius : Of the stop as set, in radii of the reference stop.
     nodes : How many rays (static).
     turn_rad : Of the whole spiral.
-    ring : Where in its share of the area each ray lies, 0 inside to 1 outside: spirals
-        at several of these interleave.
     """
     azimuth = _spokes(max(nodes // 16, _FEWEST_SPOKES))
     turned = jnp.asarray(azimuth, h.dtype) + turn_rad
@@ -77,8 +74,8 @@ def pupil_nodes(
     turns = -(-nodes // len(azimuth))
     edge = jnp.tile(radius[:, None] * outward, (turns, 1))[:nodes]
     density = jnp.tile(radius * radius, turns)[:nodes]
-    reach = jnp.sqrt((jnp.arange(nodes, dtype=h.dtype) + ring) / nodes)
-    s = centre[None] + reach[:, None] * edge
+    reach = np.sqrt((np.arange(nodes) + 0.5) / nodes)
+    s = centre[None] + jnp.asarray(reach, h.dtype)[:, None] * edge
     stretch = stretched_area(h, pupil)
     return PupilNodes(
         u=s @ stretch_matrix(h, pupil),

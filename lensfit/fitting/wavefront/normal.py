@@ -16,12 +16,7 @@ from lensfit.fitting.cores import SHARDED, SHARED, on_every_core, summed_over_co
 from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
-from lensfit.fitting.wavefront.rays import (
-    RayGroup,
-    Rays,
-    rays_of,
-    spot_and_pullback,
-)
+from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
 from lensfit.fitting.wavefront.shapes import colours_of, shape_jacobian
 from lensfit.fitting.wavefront.waves import WAVES, Transfer
 
@@ -36,8 +31,7 @@ class Points(NamedTuple):
     ----------
     image : For the light on the cells, and the gradient: with 768 images are 1 to 2 %
         wrong, with 1536 half of that, and a pass takes half as long again.
-    design : Of each group of rays (`Model.ray_groups`) for the Gauss-Newton matrix,
-        which needs less accuracy.
+    design : For the Gauss-Newton matrix, which needs less accuracy.
     waves : Number of waves that broad dots are drawn in (`waves`).
     """
 
@@ -90,7 +84,6 @@ class Model(NamedTuple):
     transfer : Of broad dots (`waves`); None for others.
     smoothing : Variance by which model and photograph were both smoothed, cells.
     count : Dots in use, of each core's share; the rest of it is padding.
-    ray_groups : Groups of rays that the Gauss-Newton matrix is made of.
     """
 
     dots: Dots
@@ -100,7 +93,6 @@ class Model(NamedTuple):
     wavelengths_nm: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
     count: Int[Array, " cores"]
-    ray_groups: Int[Array, ""]
 
 
 def normal_equations(
@@ -123,7 +115,6 @@ def normal_equations(
         wavelengths_nm=SHARED,
         smoothing=SHARED,
         count=SHARDED,
-        ray_groups=SHARED,
     )
     pass_of_all = on_every_core(
         share, takes=(SHARED, of_model), gives=(SHARED, SHARDED)
@@ -206,15 +197,11 @@ def _patches_of_dot(
 
     def channel(colour, light, weight, corner):
         seen = (dot, colour, layout, model.scale)
-
-        def design_rays(index: Array) -> Rays:
-            group = RayGroup.of(index, model.ray_groups, parameters.dtype)
-            return rays_of(parameters, *seen, points.design, group)
-
+        few = rays_of(parameters, *seen, points.design)
         spot, pullback = spot_and_pullback(parameters, *seen, points.image)
         patch = equations_of(
             spot,
-            (design_rays, model.ray_groups),
+            few,
             light,
             weight,
             corner,

@@ -20,7 +20,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from lensfit.fitting.wavefront.dot_aperture import ray_origins_mm
@@ -44,43 +43,14 @@ from lensfit.fitting.wavefront.shapes import (
 )
 from lensfit.optics.depth import ObjectShift, cylinder_mm
 from lensfit.optics.pupil import Pupil
-from lensfit.optics.pupil_nodes import TURN, PupilNodes, pupil_nodes
+from lensfit.optics.pupil_nodes import PupilNodes, pupil_nodes
 from lensfit.psf.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 
 _TURNS_PER_MM = 12.9898, 78.233
 """Of the spiral of rays, per mm of the field: so many that neighbouring dots have
 unrelated patterns."""
-_GOLDEN = (5**0.5 - 1) / 2
 SHARPNESS = 64.0
 """Of the pupil's corners: enough for pixels, and steadier than what a kernel uses."""
-
-
-class RayGroup(NamedTuple):
-    """One of several spirals of rays that interleave: few rays at a time, in a loop,
-    make a sum over many.
-
-    Attributes
-    ----------
-    turn_rad : Of this spiral against the first.
-    ring : As for `optics.pupil_nodes`.
-    share : Of the area that a ray would stand for if its spiral were the only one.
-    """
-
-    turn_rad: Float[Array, ""] | float
-    ring: Float[Array, ""] | float
-    share: Float[Array, ""] | float
-
-    @classmethod
-    def of(cls, index: Array, count: Array, dtype: DTypeLike) -> "RayGroup":
-        """Number `index` of `count`, which together are one spiral whose rays advance
-        by nearly the golden section of a turn."""
-        of_group, groups = index.astype(dtype), count.astype(dtype)
-        turns = (TURN + jnp.round(_GOLDEN * groups - TURN)) / groups
-        turn_rad = 2 * jnp.pi * jnp.mod(of_group * turns, 1.0)
-        return cls(turn_rad, (of_group + 0.5) / groups, 1 / groups)
-
-
-ONLY_GROUP = RayGroup(0.0, 0.5, 1.0)
 
 
 class Rays(NamedTuple):
@@ -199,13 +169,11 @@ def rays_of(
     layout: Layout,
     scale: Scale,
     count: int,
-    group: RayGroup = ONLY_GROUP,
 ) -> Rays:
     """Rays of the Gauss-Newton matrix, evenly lit, with all their derivatives."""
     pupil_parameters = parameters[layout.pupil_parameters]
-    filled = (pupil_parameters, dot, layout, scale, count, group)
-    nodes = nodes_of(*filled)
-    widened = jax.jacfwd(nodes_of)(*filled)
+    nodes = nodes_of(pupil_parameters, dot, layout, scale, count)
+    widened = jax.jacfwd(nodes_of)(pupil_parameters, dot, layout, scale, count)
     wavelengths = len(colour.chromatic)
     u, u_widened = (
         split_by_wavelength(nodes.u, wavelengths),
@@ -223,7 +191,6 @@ def rays_of(
             jnp.einsum("wkij,wkjo->oiwk", landed.slope_mm, u_widened),
         ]
     )
-    nodes = eqx.tree_at(lambda n: n.area, nodes, nodes.area * group.share)
     spot = spot_of(evenly_lit, nodes, colour.lateral_mm)
     return Rays(
         _with_ray_origins(spot, dot, wavelengths),
@@ -247,7 +214,6 @@ def nodes_of(
     layout: Layout,
     scale: Scale,
     count: int,
-    group: RayGroup = ONLY_GROUP,
 ) -> PupilNodes:
     """Rays that fill the pupil of this dot; parameters as `Layout.pupil_parameters`.
 
@@ -255,8 +221,7 @@ def nodes_of(
     average out over the dots, where one common pattern would bias all alike.
     """
     seen = pupil_at_dot(pupil_parameters, dot, layout, scale)
-    turn_rad = _turn_rad(dot) + group.turn_rad
-    return pupil_nodes(*seen, count, SHARPNESS, turn_rad, group.ring)
+    return pupil_nodes(*seen, count, SHARPNESS, _turn_rad(dot))
 
 
 def _turn_rad(dot: Dots) -> Array:

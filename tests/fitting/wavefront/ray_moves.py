@@ -1,5 +1,4 @@
-"""How rays go by every parameter, from how they go by the shapes that they share; and
-rays as the group that a matrix is made of."""
+"""How rays go by every parameter, from how they go by the shapes that they share."""
 
 from typing import NamedTuple
 
@@ -27,8 +26,3 @@ def by_parameters(rays, dot, layout, scale) -> Moves:
             :, layout.pupil_parameters
         ],
     )
-
-
-def only_group(rays):
-    """These rays as the only group that a Gauss-Newton matrix is made of."""
-    return (lambda index: rays), jnp.asarray(1)
