@@ -29,7 +29,26 @@ TURN = 3**-0.5
 three times it, are spread about evenly: rays may take three wavelengths in turn, and
 each wavelength still fills the pupil by itself. (Every third ray of a spiral of golden
 angles lies on one of seven arms.)"""
-_FEWEST_SPOKES = 97
+FEWEST_SPOKES = 97
+
+
+class Opening(eqx.Module):
+    """The opening of one field point, as the rays of a spiral see it.
+
+    Attributes
+    ----------
+    centre : Of the opening as the stop has it.
+    edge : From there to the edge, on every spoke, in the order of the rays.
+    density : Area that a ray of each spoke stands for, up to a factor.
+    stretch : From there to u.
+    area : As for `PupilNodes`.
+    """
+
+    centre: Float[Array, "2"]
+    edge: Float[Array, "spokes 2"]
+    density: Float[Array, " spokes"]
+    stretch: Float[Array, "2 2"]
+    area: Float[Array, ""]
 
 
 class PupilNodes(eqx.Module):
@@ -68,19 +87,53 @@ def pupil_nodes(
     nodes : How many rays (static).
     turn_rad : Of the whole spiral.
     """
-    azimuth = _spokes(max(nodes // 16, _FEWEST_SPOKES))
-    turned = jnp.asarray(azimuth, h.dtype) + turn_rad
+    fewest = max(nodes // 16, FEWEST_SPOKES)
+    return nodes_in(
+        opening_on_spokes(h, stop_radius, pupil, fewest, sharpness, turn_rad), nodes
+    )
+
+
+def opening_on_spokes(
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    fewest: int = FEWEST_SPOKES,
+    sharpness: float = SHARPNESS,
+    turn_rad: Float[Array, ""] | float = 0.0,
+) -> Opening:
+    """The opening of one field point, its edge on at least so many spokes (static);
+    other parameters as for `pupil_nodes`."""
+    turned = jnp.asarray(_spokes(fewest), h.dtype) + turn_rad
     centre, outward, radius = edge_from_inside(turned, h, stop_radius, pupil, sharpness)
-    turns = -(-nodes // len(azimuth))
-    edge = jnp.tile(radius[:, None] * outward, (turns, 1))[:nodes]
-    density = jnp.tile(radius * radius, turns)[:nodes]
-    reach = np.sqrt((np.arange(nodes) + 0.5) / nodes)
-    s = centre[None] + jnp.asarray(reach, h.dtype)[:, None] * edge
-    stretch = stretched_area(h, pupil)
+    return Opening(
+        centre=centre,
+        edge=radius[:, None] * outward,
+        density=radius * radius,
+        stretch=stretch_matrix(h, pupil),
+        area=jnp.pi * jnp.mean(radius * radius) * stretched_area(h, pupil),
+    )
+
+
+def nodes_in(
+    opening: Opening, nodes: int, first: Array | int = 0, every: Array | int = 1
+) -> PupilNodes:
+    """Rays of a spiral that fills an opening.
+
+    Parameters
+    ----------
+    nodes : How many rays (static).
+    first, every : Of a spiral of `every` times as many rays the ray to begin with, and
+        the step to the next: from each of the first `every`, these rays make the whole
+        spiral.
+    """
+    number = first + every * np.arange(nodes)
+    spoke = number % len(opening.density)
+    inside = (jnp.asarray(number, float) + 0.5) / jnp.asarray(every * nodes, float)
+    reach = jnp.sqrt(inside).astype(opening.edge.dtype)
+    s = opening.centre[None] + reach[:, None] * opening.edge[spoke]
+    density = opening.density[spoke]
     return PupilNodes(
-        u=s @ stretch_matrix(h, pupil),
-        weight=density / jnp.sum(density),
-        area=jnp.pi * jnp.mean(radius * radius) * stretch,
+        u=s @ opening.stretch, weight=density / jnp.sum(density), area=opening.area
     )
 
 

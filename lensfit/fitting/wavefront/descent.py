@@ -22,7 +22,6 @@ from lensfit.fitting.wavefront.multistart import (
     candidate_at,
     mirrored_candidate,
 )
-from lensfit.fitting.wavefront.normal import Points
 from lensfit.fitting.wavefront.stages import (
     Stage,
     best_of,
@@ -59,12 +58,12 @@ twentieth. Dots of less than a pixel are fitted better without. So both are trie
 _DOTS_FOR_SIDE = 6
 """Of each photograph."""
 _LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
-_LAST_POINTS = Points(image=1536, design=384)
-"""Shifting all rays of the pupil together, rims included, barely changes an image. With
-few rays the cost seems to rise steeply along that direction: a fit would stop early,
-with too small an uncertainty. Since the true cost is flat, the solve takes more passes
-and a finer tolerance: six passes ended too early on most hard cases, twelve on the
-bundled shoot."""
+_LAST_RAYS = 384
+"""Of the Gauss-Newton matrix. Shifting all rays of the pupil together, rims included,
+barely changes an image. With few rays the cost seems to rise steeply along that
+direction: a fit would stop early, with too small an uncertainty. Since the true cost is
+flat, the solve takes more passes and a finer tolerance: six passes ended too early on
+most hard cases, twelve on the bundled shoot."""
 
 
 def middle_fit(coarse: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
@@ -147,6 +146,6 @@ def fit_selected_term_groups(
 def last_fit(stage: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
     """All selected term groups, with many rays."""
     stage = set_priors(stage, deviation_of(term_groups, stage.layout, LAST))
-    stage = replace(stage, points=_LAST_POINTS)
+    stage = replace(stage, ray_groups=_LAST_RAYS // stage.points.design)
     # One more pass, from where the patches have been moved to.
     return recentre_patches(solve_stage(stage, _LAST_STEPS, _LAST_TOLERANCE), 1)

@@ -16,7 +16,13 @@ from lensfit.fitting.cores import SHARDED, SHARED, on_every_core, summed_over_co
 from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
-from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
+from lensfit.fitting.wavefront.rays import (
+    RayGroup,
+    Rays,
+    open_pupil_of,
+    rays_of,
+    spot_and_pullback,
+)
 from lensfit.fitting.wavefront.shapes import colours_of, shape_jacobian
 from lensfit.fitting.wavefront.waves import WAVES, Transfer
 
@@ -31,7 +37,8 @@ class Points(NamedTuple):
     ----------
     image : For the light on the cells, and the gradient: with 768 images are 1 to 2 %
         wrong, with 1536 half of that, and a pass takes half as long again.
-    design : For the Gauss-Newton matrix, which needs less accuracy.
+    design : Of each group of rays (`Model.ray_groups`) for the Gauss-Newton matrix,
+        which needs less accuracy.
     waves : Number of waves that broad dots are drawn in (`waves`).
     """
 
@@ -84,6 +91,7 @@ class Model(NamedTuple):
     transfer : Of broad dots (`waves`); None for others.
     smoothing : Variance by which model and photograph were both smoothed, cells.
     count : Dots in use, of each core's share; the rest of it is padding.
+    ray_groups : Groups of rays that the Gauss-Newton matrix is made of.
     """
 
     dots: Dots
@@ -93,6 +101,7 @@ class Model(NamedTuple):
     wavelengths_nm: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
     count: Int[Array, " cores"]
+    ray_groups: Int[Array, ""]
 
 
 def normal_equations(
@@ -115,6 +124,7 @@ def normal_equations(
         wavelengths_nm=SHARED,
         smoothing=SHARED,
         count=SHARDED,
+        ray_groups=SHARED,
     )
     pass_of_all = on_every_core(
         share, takes=(SHARED, of_model), gives=(SHARED, SHARDED)
@@ -194,14 +204,19 @@ def _patches_of_dot(
 ) -> tuple[Patch, Array]:
     """All three channels of one dot, stacked, and their gradients."""
     variance = dot.variance_mm2 + model.smoothing * dot.cell_mm**2
+    pupil = open_pupil_of(parameters, dot, layout, model.scale)
 
     def channel(colour, light, weight, corner):
         seen = (dot, colour, layout, model.scale)
-        few = rays_of(parameters, *seen, points.design)
+
+        def design_rays(index: Array) -> Rays:
+            group = RayGroup(index, model.ray_groups)
+            return rays_of(parameters, *seen, points.design, pupil, group)
+
         spot, pullback = spot_and_pullback(parameters, *seen, points.image)
         patch = equations_of(
             spot,
-            few,
+            (design_rays, model.ray_groups),
             light,
             weight,
             corner,

@@ -12,12 +12,14 @@ rim is shown, fill the patch: there uneven light slopes what is bright. Moving a
 along its rim changes nothing: a prior of one cell keeps the shifts near their values.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.wavefront.basis import Basis
 from lensfit.fitting.wavefront.polynomials import polynomials_over
@@ -34,6 +36,10 @@ from lensfit.psf.spot import Profile, Spot, image_of
 _JITTER = 1e-9
 _DARKEST = 1e-30
 """Square of the brightness of a dot that is none."""
+
+
+DesignRays = tuple[Callable[[Int[Array, ""]], Rays], Int[Array, ""]]
+"""The rays of each group by its number, and how many groups there are."""
 
 
 class Patch(NamedTuple):
@@ -58,7 +64,7 @@ class Patch(NamedTuple):
 
 def equations_of(
     spot: Spot,
-    design_rays: Rays,
+    design_rays: DesignRays,
     light: Float[Array, "cells cells"],
     weight: Float[Array, "cells cells"],
     corner_mm: Float[Array, "2"],
@@ -73,7 +79,7 @@ def equations_of(
     ----------
     spot : What the image is made of, and the gradient: a gradient from other rays than
         the image's would vanish elsewhere than at the best fit.
-    design_rays : Rays of the Gauss-Newton matrix, which needs less accuracy.
+    design_rays : Of the Gauss-Newton matrix, which needs less accuracy.
     variance_mm2 : As for `profile_of`.
     transfer : Of a broad dot's disc and of its neighbours'.
     waves : As for `basis_of`; the matrix is made of fewer.
@@ -82,7 +88,7 @@ def equations_of(
     basis = draw(transfer, waves)
     design_basis = draw(transfer, min(waves, DESIGN_WAVES))
     if isinstance(design_basis, Waves):
-        design_basis = polynomials_over(design_rays.spot, design_basis, variance_mm2)
+        design_basis = polynomials_over(spot, design_basis, variance_mm2)
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
     target, w = light.reshape(-1), weight.reshape(-1)
@@ -102,9 +108,7 @@ def equations_of(
         basis = draw(transfer.with_size_excess(nuisance.size_excess), waves)
     values, bright = nuisance.values, nuisance.values[0]
     residual = target - nuisance_design @ values
-    design = bright * _design(
-        design_rays, design_basis.profile(design_rays.spot, variance_mm2), design_basis
-    )
+    design = bright * _design(design_rays, variance_mm2, design_basis)
     coupling = nuisance_design.T @ (w[:, None] * design)
     follows = _scaled_solution(nuisance.inner, coupling)
     # The design projected off the nuisance, not a difference of matrices: that would
@@ -206,9 +210,29 @@ def _slopes(cells: int, dtype: DTypeLike) -> Float[Array, "cells2 2"]:
 
 
 def _design(
+    design_rays: DesignRays, variance_mm2: Float[Array, "*axes"], basis: Basis
+) -> Float[Array, "cells2 shapes"]:
+    """d image / d shape, for a brightness of 1: the mean over groups of rays."""
+    rays_of_group, groups = design_rays
+
+    def of_group(index: Array) -> Array:
+        rays = rays_of_group(index)
+        return _design_of_rays(rays, basis.profile(rays.spot, variance_mm2), basis)
+
+    drawn = jax.eval_shape(of_group, groups)
+    total = jax.lax.fori_loop(
+        jnp.zeros_like(groups),
+        groups,
+        lambda index, total: total + of_group(index),
+        jnp.zeros(drawn.shape, drawn.dtype),
+    )
+    return total / groups.astype(drawn.dtype)
+
+
+def _design_of_rays(
     rays: Rays, profile: Profile, basis: Basis
 ) -> Float[Array, "cells2 shapes"]:
-    """d image / d shape, for a brightness of 1."""
+    """Of one group."""
     weight = rays.spot.weight[None]
     # Three products: one of arrays put together takes twice as long.
     across = _products(profile.rows, profile.columns_moved * weight)

@@ -29,6 +29,8 @@ _TERMS_BEYOND = 6
 is below a twentieth."""
 _WIDER = 1.02
 """The box over the rays' own, so that none lands where T_m turns steepest."""
+_INSIDE = 1 - 1e-4
+"""Part of the box that other rays of the same target are held within."""
 _LEAST_CELLS = 0.05
 """Half the width of the narrowest box: one point has none."""
 
@@ -63,6 +65,7 @@ class Polynomials(Basis):
         and `right`."""
         del variance_mm2
         place = (spot.landing_mm - self.middle_mm[None]) / self.reach_mm[None]
+        place = jnp.clip(place, -_INSIDE, _INSIDE)
         angle = jnp.arccos(place)
         degree = jnp.arange(self.size, dtype=angle.dtype)[:, None]
         (columns, columns_moved), (rows, rows_moved) = (

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.wavefront.dot_aperture import ray_origins_mm
 from lensfit.fitting.wavefront.dots import Dots
@@ -43,7 +43,14 @@ from lensfit.fitting.wavefront.shapes import (
 )
 from lensfit.optics.depth import ObjectShift, cylinder_mm
 from lensfit.optics.pupil import Pupil
-from lensfit.optics.pupil_nodes import PupilNodes, pupil_nodes
+from lensfit.optics.pupil_nodes import (
+    FEWEST_SPOKES,
+    Opening,
+    PupilNodes,
+    nodes_in,
+    opening_on_spokes,
+    pupil_nodes,
+)
 from lensfit.psf.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 
 _TURNS_PER_MM = 12.9898, 78.233
@@ -51,6 +58,35 @@ _TURNS_PER_MM = 12.9898, 78.233
 unrelated patterns."""
 SHARPNESS = 64.0
 """Of the pupil's corners: enough for pixels, and steadier than what a kernel uses."""
+
+
+class RayGroup(NamedTuple):
+    """One of several groups of rays that together fill the pupil: few rays at a time,
+    in a loop, make a sum over many.
+
+    Attributes
+    ----------
+    index, count : Which group it is, and of how many.
+    """
+
+    index: Int[Array, ""] | int
+    count: Int[Array, ""] | int
+
+
+ALL_RAYS = RayGroup(0, 1)
+
+
+class OpenPupil(NamedTuple):
+    """The pupil of a dot, whichever rays fill it.
+
+    Attributes
+    ----------
+    opening : Of the pupil.
+    slopes : d `opening` / d parameter of the pupil, on the last axis.
+    """
+
+    opening: Opening
+    slopes: Opening
 
 
 class Rays(NamedTuple):
@@ -169,11 +205,30 @@ def rays_of(
     layout: Layout,
     scale: Scale,
     count: int,
+    pupil: OpenPupil | None = None,
+    group: RayGroup = ALL_RAYS,
 ) -> Rays:
-    """Rays of the Gauss-Newton matrix, evenly lit, with all their derivatives."""
-    pupil_parameters = parameters[layout.pupil_parameters]
-    nodes = nodes_of(pupil_parameters, dot, layout, scale, count)
-    widened = jax.jacfwd(nodes_of)(pupil_parameters, dot, layout, scale, count)
+    """Rays of the Gauss-Newton matrix, evenly lit, with all their derivatives.
+
+    Parameters
+    ----------
+    count : Of the rays of the group.
+    pupil : `open_pupil_of` the dot, where it is known.
+    """
+    if pupil is None:
+        pupil = open_pupil_of(parameters, dot, layout, scale)
+
+    def filled(opening: Opening) -> PupilNodes:
+        nodes = nodes_in(opening, count, group.index, group.count)
+        # Each ray stands for the area that is its own among all groups' rays.
+        own = nodes.area / jnp.asarray(group.count, nodes.area.dtype)
+        return eqx.tree_at(lambda n: n.area, nodes, own)
+
+    def change(slope: Opening) -> PupilNodes:
+        return jax.jvp(filled, (pupil.opening,), (slope,))[1]
+
+    nodes = filled(pupil.opening)
+    widened = jax.vmap(change, in_axes=-1, out_axes=-1)(pupil.slopes)
     wavelengths = len(colour.chromatic)
     u, u_widened = (
         split_by_wavelength(nodes.u, wavelengths),
@@ -206,6 +261,19 @@ def _with_ray_origins(spot: Spot, dot: Dots, wavelengths: int) -> Spot:
         ray_origins_mm(dot.sampled_ellipse_mm, count), wavelengths
     ).reshape(count, 2)
     return eqx.tree_at(lambda s: s.landing_mm, spot, spot.landing_mm + from_mm)
+
+
+def open_pupil_of(
+    parameters: Float[Array, " parameters"], dot: Dots, layout: Layout, scale: Scale
+) -> OpenPupil:
+    """The pupil that the few rays of the Gauss-Newton matrix fill."""
+
+    def opening(pupil_parameters: Array) -> Opening:
+        seen = pupil_at_dot(pupil_parameters, dot, layout, scale)
+        return opening_on_spokes(*seen, FEWEST_SPOKES, SHARPNESS, _turn_rad(dot))
+
+    pupil_parameters = parameters[layout.pupil_parameters]
+    return OpenPupil(opening(pupil_parameters), jax.jacfwd(opening)(pupil_parameters))
 
 
 def nodes_of(

@@ -121,6 +121,7 @@ class Stage:
     statements : Statements that are observations beside the dots.
     smoothing : Standard deviation, cells, by which photograph and model are smoothed.
     points : Rays through the pupil.
+    ray_groups : Groups of rays that the Gauss-Newton matrix is made of.
     solution : Of the last solve.
     converged : Whether it met its tolerance; `recentre_patches` does not count as one.
     blades : Of the iris when stopped down.
@@ -136,6 +137,7 @@ class Stage:
     statements: Statements
     smoothing: float = 0.0
     points: Points = DEFAULT_POINTS
+    ray_groups: int = 1
     solution: Solution | None = None
     converged: bool = False
     blades: int = 0
@@ -270,6 +272,7 @@ def model_of(stage: Stage, sharding: DotSharding) -> Model:
         wavelengths_nm=jnp.asarray(dot_data.wavelengths_nm),
         smoothing=jnp.asarray(stage.smoothing**2),
         count=jnp.asarray(sharding.counts),
+        ray_groups=jnp.asarray(stage.ray_groups),
     )
 
 

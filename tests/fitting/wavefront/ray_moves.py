@@ -1,4 +1,5 @@
-"""How rays go by every parameter, from how they go by the shapes that they share."""
+"""How rays go by every parameter, from how they go by the shapes that they share; and
+rays as the group that a matrix is made of."""
 
 from typing import NamedTuple
 
@@ -26,3 +27,8 @@ def by_parameters(rays, dot, layout, scale) -> Moves:
             :, layout.pupil_parameters
         ],
     )
+
+
+def only_group(rays):
+    """These rays as the only group that a Gauss-Newton matrix is made of."""
+    return (lambda index: rays), jnp.asarray(1)

@@ -7,7 +7,6 @@ import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
 from lensfit.fitting.wavefront.dot_weights import initial_weights, robust_weights
-from lensfit.fitting.wavefront.normal import Points
 from lensfit.fitting.wavefront.stages import (
     first_stage,
     recentre_patches,
@@ -81,7 +80,7 @@ def found_from_near(dot_data) -> np.ndarray:
     start = np.where(deviation > 0, 0.8, 1.0) * TRUE.parameters()
     stage = set_priors(first_stage(dot_data, LAYOUT, start), deviation)
     # As the last stage of a fit has them.
-    stage = replace(stage, points=Points(design=384))
+    stage = replace(stage, ray_groups=4)
     for _ in range(4):
         stage = solve_stage(stage)
     return stage.parameters

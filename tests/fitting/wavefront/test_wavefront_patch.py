@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, dots_at
-from ray_moves import by_parameters
+from ray_moves import by_parameters, only_group
 
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.patch import equations_of
-from lensfit.fitting.wavefront.rays import rays_of
+from lensfit.fitting.wavefront.rays import RayGroup, open_pupil_of, rays_of
 from lensfit.fitting.wavefront.shapes import shape_jacobian
 from lensfit.psf.spot import Spot, image_of, profile_of
 
@@ -49,6 +49,7 @@ class Found(NamedTuple):
 def _patch(rays, light, weight, corner, few=None):
     """The matrix is made of the same rays unless of a few."""
     few = rays if few is None else few
+    few = only_group(few)
     found = equations_of(rays.spot, few, light, weight, corner, CELL_MM, VARIANCE)
     moves = by_parameters(rays, _dot(), LAYOUT, SCALE)
     gradient = jnp.einsum(
@@ -119,6 +120,34 @@ def test_the_gradient_is_the_image_s_whatever_the_matrix_is_made_of(scene):
     whole = _patch(*scene)
     np.testing.assert_allclose(found.gradient, whole.gradient, atol=_small(whole))
     assert not np.allclose(found.matrix, whole.matrix, rtol=0.01)
+
+
+def test_groups_of_few_rays_make_the_matrix_of_many(scene):
+    """Light of one wavelength: the groups share out the rays of one spiral."""
+    near = jnp.asarray(NEAR.parameters())
+    groups, spiral, few = (
+        _matrix_of_groups(near, count, groups, scene)
+        for count, groups in ((96, 4), (384, 1), (96, 1))
+    )
+    size = np.sqrt(np.maximum(np.diag(spiral), 1e-30))
+    size = np.outer(size, size)
+    assert np.abs((groups - spiral) / size).max() < 1e-3
+    assert np.abs((few - spiral) / size).max() > 0.1
+
+
+def _matrix_of_groups(near, count, groups, scene):
+    rays, light, weight, corner = scene
+    total = jnp.asarray(groups)
+    pupil = open_pupil_of(near, _dot(), LAYOUT, SCALE)
+
+    def of_group(index):
+        group = RayGroup(index, total)
+        return rays_of(near, _dot(), GREY, LAYOUT, SCALE, count, pupil, group)
+
+    seen = (light, weight, corner, CELL_MM, VARIANCE)
+    found = equations_of(rays.spot, (of_group, total), *seen)
+    jacobian = shape_jacobian(_dot(), LAYOUT, SCALE)
+    return np.asarray(jacobian.T @ found.matrix @ jacobian)
 
 
 def test_a_gauss_newton_step_reaches_the_photograph(scene):

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, cell_counts, dots_at
+from ray_moves import only_group
 
 from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
@@ -130,7 +131,7 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
         held = Spot(spot.landing_mm, weight, cell_mm2)
         patch = equations_of(
             held,
-            rays_of(numbers, *seen, 96),
+            only_group(rays_of(numbers, *seen, 96)),
             light,
             jnp.ones_like(light),
             -jnp.asarray(PLACE_MM),
@@ -223,7 +224,7 @@ def _patch(defocus_mm, dot, transfer, light, weight):
     seen = (_numbers(defocus_mm), dot, GREY, LAYOUT, SCALE)
     return equations_of(
         spot_and_pullback(*seen, RAYS)[0],
-        rays_of(*seen, 96),
+        only_group(rays_of(*seen, 96)),
         light,
         weight * jnp.ones_like(light),
         -jnp.asarray(PLACE_MM),
