@@ -27,8 +27,8 @@ from data_synth.bench.sets import chosen_sets, shoot_of
 from lensfit.errors import LensfitError
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
+from lensfit.fitting.wavefront.dot_arrays import show_edges
 from lensfit.fitting.wavefront.dot_data import DotData, select_dots
-from lensfit.fitting.wavefront.dots import show_edges
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.model_images import model_images
@@ -55,7 +55,7 @@ _SMOOTHING = 1.0
 _APART_MM = 1e3
 """Farther than any field: dots of one photograph are no neighbours of another's."""
 _GREEN, _LARGER = 1, 4
-"""The channel, and where a pass has the size of discs (`fit.wavefront.patch`)."""
+"""The channel, and where a pass has the size of discs (`fitting.wavefront.patch`)."""
 _SEED = 5
 
 

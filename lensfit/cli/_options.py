@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from lensfit.cli._door import one_of, say_error
-from lensfit.preset.verdict import LEVELS, is_at_least
+from lensfit.preset.verdict_levels import LEVELS, is_at_least
 
 EFFORTS = ("fastest", "fast", "normal", "best")
 EFFORT_HELP = " | ".join(EFFORTS)

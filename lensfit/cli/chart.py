@@ -188,7 +188,7 @@ def advise(
     Example: lensfit chart advise --focal-length-mm 50 --f-number 1.4
     --sensor-width-mm 24.89 --paper A2
     """
-    from lensfit.chart.camera import Camera
+    from lensfit.chart.chart_camera import Camera
     from lensfit.workflow.chart import advise as advise_on
 
     camera = Camera(

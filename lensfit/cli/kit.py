@@ -16,7 +16,7 @@ import typer
 from lensfit.cli._door import say_error
 from lensfit.cli._options import EffortOption, one_of_or_none
 from lensfit.cli._terminal import progress_bars, say_line
-from lensfit.preset.verdict import LEVELS, is_at_least
+from lensfit.preset.verdict_levels import LEVELS, is_at_least
 
 if TYPE_CHECKING:
     from lensfit.workflow.kit.lens_shoot import LensShoot

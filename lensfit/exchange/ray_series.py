@@ -25,7 +25,7 @@ from lensfit.exchange.cycles_lens import (
 )
 from lensfit.exchange.samples import ExchangeFrame, Residual, residual_from
 from lensfit.optics.stop_places import stop_arcs
-from lensfit.psf.rays import stop_rays
+from lensfit.psf.polar_rays import stop_rays
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
@@ -94,7 +94,7 @@ class _Scene:
         )
 
     def landings(self, green_mm: np.ndarray, vergence: float, channel: int, places):
-        """`kernel.rays.stop_rays` of points at one distance; places in the reach."""
+        """`psf.polar_rays.stop_rays` of points at one distance; places in the reach."""
         distance = 1 / vergence if vergence > 0 else np.inf
         distance += float(self.lens.entrance_pupil_offset_mm)
         n = len(green_mm)

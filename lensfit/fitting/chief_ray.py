@@ -34,6 +34,7 @@ from lensfit.fitting.decentring import (
     adjust_with_decentring,
     decentring_is_supported,
 )
+from lensfit.fitting.geometric_start import Start, start_of
 from lensfit.fitting.held_out import (
     explained_by,
     halves_of,
@@ -61,7 +62,6 @@ from lensfit.fitting.select import (
     drift_steps,
     shared_term_groups,
 )
-from lensfit.fitting.stage import Start, start_of
 from lensfit.fitting.statements import Facts, Statement
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.projection import BASE_PROJECTIONS, BaseProjection

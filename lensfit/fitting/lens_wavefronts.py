@@ -37,7 +37,7 @@ from lensfit.fitting.wavefront.dot_patches import (
 )
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fitting.wavefront.start import sharp_f_number
+from lensfit.fitting.wavefront.start_values import sharp_f_number
 from lensfit.optics.spectrum import bands
 from lensfit.progress import Progress
 

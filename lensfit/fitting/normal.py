@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.cores import (
+from lensfit.fitting.device_mesh import (
     SHARED,
     cores,
     on_every_core,

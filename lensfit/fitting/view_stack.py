@@ -26,7 +26,7 @@ from lensfit.coords import mm_from_px
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.geometry import BoardPose
-from lensfit.fitting.start import Pose
+from lensfit.fitting.start_poses import Pose
 
 CHUNK_SIZE = 64
 """Detections of one chunk; a board of few fills one."""

@@ -13,7 +13,7 @@ from lensfit.preset.blocks import Camera
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.select_entry import Selection, select
-from lensfit.preset.verdict import Verdict
+from lensfit.preset.verdict_levels import Verdict
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens

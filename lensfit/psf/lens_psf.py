@@ -44,7 +44,7 @@ from jaxtyping import Array, Float, Int
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.pupil_nodes import TURN
 from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.psf.rays import PupilPlaces, Rays, rays_through
+from lensfit.psf.polar_rays import PupilPlaces, Rays, rays_through
 from lensfit.psf.spot import LEAST_SIGMA_PX, pixel_shares
 
 _TURN_RAD = 2 * np.pi * TURN

@@ -22,13 +22,13 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.buffers import crop
-from lensfit.rendering.flat_plate import FlatPlate, shared_pixels
 from lensfit.rendering.gather import TILE, PackedSurfaces, gather
 from lensfit.rendering.highlights import Highlights, Spot, spots
 from lensfit.rendering.layer_stack import LayerStack, flattened_layers
 from lensfit.rendering.light_mesh import light_kernel
 from lensfit.rendering.packed_surfaces import packed_surfaces
 from lensfit.rendering.plate_defocus import Defocus, Rays
+from lensfit.rendering.plate_surfaces import FlatPlate, shared_pixels
 from lensfit.rendering.ray_field import RayField, window_steps_px
 from lensfit.rendering.surfaces import (
     Slabs,

@@ -26,7 +26,6 @@ from lensfit.preset.knob_groups import LookKnobs
 from lensfit.rendering.buffers import aligned_empty, crop
 from lensfit.rendering.defocus import blurred_layers, blurred_plate, stays_sharp
 from lensfit.rendering.filters import Filter, filter_for
-from lensfit.rendering.flat_plate import FlatPlate
 from lensfit.rendering.highlights import Highlights, take_highlights
 from lensfit.rendering.layer_stack import (
     LayerStack,
@@ -37,6 +36,7 @@ from lensfit.rendering.layer_stack import (
 from lensfit.rendering.look.glare import SharpLayer, sharp_layers
 from lensfit.rendering.look.stack import Arrival, light_spreads
 from lensfit.rendering.look.white_balance import Chromaticities
+from lensfit.rendering.plate_surfaces import FlatPlate
 from lensfit.rendering.render_stages import (
     DEFAULT_TOLERANCE,
     Stages,

@@ -214,7 +214,7 @@ def landed_rays(
     ----------
     places : Azimuth, reach and share of the pupil.
     """
-    from lensfit.psf.rays import PupilPlaces, rays_of_points
+    from lensfit.psf.polar_rays import PupilPlaces, rays_of_points
 
     nodes_px = grid_px(window, columns, rows).reshape(-1, 2)
     distances = np.array([circle.depth_mm(r) for r in depth])

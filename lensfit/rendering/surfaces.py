@@ -20,13 +20,13 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from lensfit.rendering.flat_plate import SharedPixels
 from lensfit.rendering.inpainting import (
     farthest_sight_px,
     inpainted_background,
     sight_px,
 )
 from lensfit.rendering.outlines import outline_between, separated_near_surface
+from lensfit.rendering.plate_surfaces import SharedPixels
 
 Plane = Float32[np.ndarray, "height width"]
 Colour = Float32[np.ndarray, "height width 4"]

@@ -17,7 +17,7 @@ from typing import final
 
 import numpy as np
 
-from lensfit.preset.verdict import LEVELS, Level, Reason, Verdict
+from lensfit.preset.verdict_levels import LEVELS, Level, Reason, Verdict
 from lensfit.report.blur_rules import blur_findings
 from lensfit.report.evidence import (
     GOOD_PX,

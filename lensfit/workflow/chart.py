@@ -8,7 +8,7 @@ w = 4 px carries its place. R and w are measured: they agree with the detector's
 covariance.
 
 A model of k numbers fitted to d dots errs by ``scatter sqrt(k / d)`` pixels rms over
-the frame. `lensfit.chart.camera` has the optics and the takes.
+the frame. `lensfit.chart.chart_camera` has the optics and the takes.
 """
 
 import math
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from lensfit import __version__
-from lensfit.chart.camera import (
+from lensfit.chart.chart_camera import (
     Camera,
     FocusTake,
     distance_of_magnification_mm,

@@ -8,8 +8,8 @@ from pinhole_shoot import MM_PER_PX, Camera, observations, shoot, take_of
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I
 from lensfit.fitting.adjust import Adjustment, adjust, with_robust_weights
+from lensfit.fitting.geometric_start import start_of
 from lensfit.fitting.parameters import fixed_prior, release, with_poses_free
-from lensfit.fitting.stage import start_of
 
 NOISE_PX = 0.05
 CAMERA = Camera(k=(-0.1, 0.0))

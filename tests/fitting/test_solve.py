@@ -15,10 +15,10 @@ from lensfit.fitting.adjust import (
     solve,
     total,
 )
+from lensfit.fitting.geometric_start import start_of
 from lensfit.fitting.held_out import squared_px
 from lensfit.fitting.levenberg import with_prior
 from lensfit.fitting.parameters import fixed_prior, release, with_poses_free
-from lensfit.fitting.stage import start_of
 
 NOISE_PX = 0.05
 BROWN = Camera(k=(-0.12, 0.06))

@@ -9,8 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from lensfit.errors import FitError
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.stage import start_of
-from lensfit.fitting.start import focal_length_from_homographies, pose_from_homography
+from lensfit.fitting.geometric_start import start_of
+from lensfit.fitting.start_poses import (
+    focal_length_from_homographies,
+    pose_from_homography,
+)
 
 BOARD_MM = LATTICE * PITCH_MM
 CENTRED = Camera(centre_mm=(0.0, 0.0))

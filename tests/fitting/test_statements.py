@@ -8,10 +8,10 @@ from pinhole_shoot import FRONTAL, Camera, shoot
 
 from lensfit.fitting.chart_view import Widths
 from lensfit.fitting.chief_ray import fit_chief_ray
+from lensfit.fitting.geometric_start import facts_of
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.parameters import Layout
-from lensfit.fitting.stage import facts_of
-from lensfit.fitting.start import stated_scale
+from lensfit.fitting.start_poses import stated_scale
 from lensfit.fitting.statements import statements_of
 from lensfit.fitting.usual_lens import magnification_at
 

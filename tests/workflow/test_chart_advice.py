@@ -12,7 +12,7 @@ from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.sensor import camera_bands
 from data_synth.wavefront_cases import frame_for
-from lensfit.chart.camera import Camera, blur_mm, magnification_at
+from lensfit.chart.chart_camera import Camera, blur_mm, magnification_at
 from lensfit.chart.coverage import paint
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer
 from lensfit.chart.layout import Wanted

@@ -22,7 +22,7 @@ from data_synth.bench.verdict.wrong_shoots import WrongShoot as Spoilt
 from lensfit.cli.main import app
 from lensfit.errors import ShootError
 from lensfit.preset.store import load_preset
-from lensfit.preset.verdict import LEVELS
+from lensfit.preset.verdict_levels import LEVELS
 from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.shoot.shoot_file import load_shoot

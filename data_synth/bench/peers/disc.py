@@ -8,7 +8,7 @@ large as that of the widest f-number, shifted along the radius of the field by
 changes sides with the side of focus, as a cat's eye does.
 
 The thin lens has the setting that was stated. Both its pupils are the lens itself, and
-it is focused by moving it: `chart.camera` says where it then stands, `optics.paraxial`
+it is focused by moving it: `chart.chart_camera` says where it then stands, `optics.paraxial`
 how far light misses the sensor.
 """
 
@@ -21,7 +21,7 @@ from jaxtyping import Array, ArrayLike, Float
 from scipy.optimize import least_squares
 
 from data_synth.bench.peers.dots import PicturedDots, some_of
-from lensfit.chart.camera import object_distance_mm
+from lensfit.chart.chart_camera import object_distance_mm
 from lensfit.lens import Channel
 from lensfit.optics.paraxial import FirstOrder, defocus_mm, exit_pupil_distance_mm
 

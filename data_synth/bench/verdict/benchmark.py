@@ -22,7 +22,7 @@ from data_synth.judge_depths import FrameErrors
 from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.preset.verdict import LEVELS, Level
+from lensfit.preset.verdict_levels import LEVELS, Level
 from lensfit.programs import make_room_for_programs
 from lensfit.progress import Progress, silent
 from lensfit.report.evidence import GOOD_PX, ROUGH_PX

@@ -17,12 +17,12 @@ from jaxtyping import Array, Float
 from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
+from lensfit.fitting.wavefront.dot_arrays import are_lines
 from lensfit.fitting.wavefront.dot_data import (
     DotData,
     rows_spread_over_takes,
     select_dots,
 )
-from lensfit.fitting.wavefront.dots import are_lines
 from lensfit.fitting.wavefront.light_centroid import centroid_slopes_mm, centroids_mm
 from lensfit.fitting.wavefront.mark import (
     detected_point_offset_slopes_mm,

@@ -42,7 +42,7 @@ from lensfit.fitting.wavefront.stages import (
     solve_stage,
     stage_on_dots,
 )
-from lensfit.fitting.wavefront.start import (
+from lensfit.fitting.wavefront.start_values import (
     IN_FOCUS_MM,
     FirstDefocus,
     first_defocus,

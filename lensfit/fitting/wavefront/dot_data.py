@@ -13,6 +13,7 @@ from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.chart_view import Widths
 from lensfit.fitting.fall_off.illumination import FallOffFit
+from lensfit.fitting.wavefront.dot_arrays import Broad, Dots
 from lensfit.fitting.wavefront.dot_neighbours import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
@@ -22,7 +23,6 @@ from lensfit.fitting.wavefront.dot_patches import (
     diameters_mm,
     usable_cells,
 )
-from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.known_dots import Reference, dots_of
 from lensfit.fitting.wavefront.parameters import Scale

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
+from lensfit.fitting.wavefront.dot_arrays import NEIGHBOURS
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph
-from lensfit.fitting.wavefront.dots import NEIGHBOURS
 
 _CUT_DIAMETERS = 1.0
 """Distance from the frame's edge within which a dot may be cut and not detected."""

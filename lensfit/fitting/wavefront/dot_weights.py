@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
+from lensfit.fitting.wavefront.dot_arrays import show_edges
 from lensfit.fitting.wavefront.dot_data import DotData
-from lensfit.fitting.wavefront.dots import show_edges
 
 MODEL_SHARE = 0.02
 _OF_EDGES = 0.2

@@ -58,7 +58,7 @@ from lensfit.fitting.wavefront.stages import (
     stage_on_dots,
     stage_with_beam,
 )
-from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
+from lensfit.fitting.wavefront.start_values import IN_FOCUS_MM, stated_defocus_mm
 from lensfit.fitting.wavefront.stated import stated_beam
 from lensfit.fitting.wavefront.term_groups import (
     TermGroup,

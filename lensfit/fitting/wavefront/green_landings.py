@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
+from lensfit.fitting.wavefront.dot_arrays import Dots, Numbers
 from lensfit.fitting.wavefront.dot_data import DotData
-from lensfit.fitting.wavefront.dots import Dots, Numbers
 from lensfit.fitting.wavefront.light_centroid import polar_landings
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale

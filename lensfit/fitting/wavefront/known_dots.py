@@ -34,13 +34,13 @@ from lensfit.fitting.wavefront.dot_aperture import (
     gaussian_dot_aperture,
     no_dot_aperture,
 )
+from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots, undrawn
 from lensfit.fitting.wavefront.dot_neighbours import neighbour_offsets_mm
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
     diameters_mm,
     dot_aperture_radius_mm,
 )
-from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots, undrawn
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.optics.depth import (

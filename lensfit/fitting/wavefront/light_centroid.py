@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.dot_arrays import Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import (
     SHARPNESS,
@@ -82,7 +82,7 @@ def polar_landings(
     rings_and_spokes: tuple[int, int],
 ) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
     """Where rays on rings and spokes land, from the chief ray of their wavelength, and
-    the light of each, 1 in all; see `optics.pupil.polar_nodes`."""
+    the light of each, 1 in all; see `optics.pupil_nodes.polar_nodes`."""
     pupil_parameters, wavelengths = (
         parameters[layout.pupil_parameters],
         len(colour.chromatic),

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from lensfit.detect.centroids import BAND_GAIN
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.corner_mark import detected_corner
-from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots
+from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots
 from lensfit.fitting.wavefront.line_mark import DetectedLine, detected_line
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of

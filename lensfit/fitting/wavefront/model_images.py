@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 from scipy.special import j1
 
 from lensfit.batches import in_batches
+from lensfit.fitting.wavefront.dot_arrays import Dots
 from lensfit.fitting.wavefront.dot_data import DotData
-from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.wavefront.dot_arrays import are_corners, are_lines
 from lensfit.fitting.wavefront.dot_data import DotData
-from lensfit.fitting.wavefront.dots import are_corners, are_lines
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.start import defocus_size_of_variance_mm
+from lensfit.fitting.wavefront.start_values import defocus_size_of_variance_mm
 from lensfit.optics.terms import Term
 
 _GREEN = 1

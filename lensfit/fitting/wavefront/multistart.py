@@ -24,7 +24,7 @@ from jaxtyping import Float
 from lensfit.errors import FitError
 from lensfit.fitting.wavefront.parameters import mirror_through_focus
 from lensfit.fitting.wavefront.stages import Stage, chi_squared, solve_stage
-from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
+from lensfit.fitting.wavefront.start_values import IN_FOCUS_MM, stated_defocus_mm
 from lensfit.fitting.wavefront.stated import statements_without_distances
 
 DECISIVE = 1.1

@@ -12,8 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.cores import SHARDED, SHARED, on_every_core, summed_over_cores
-from lensfit.fitting.wavefront.dots import Dots, Pixels
+from lensfit.fitting.device_mesh import (
+    SHARDED,
+    SHARED,
+    on_every_core,
+    summed_over_cores,
+)
+from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
 from lensfit.fitting.wavefront.rays import (

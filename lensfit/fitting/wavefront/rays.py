@@ -8,7 +8,7 @@ which landing points are linear (`shapes`). The few parameters of the pupil, whi
 the rays that fill it, are differentiated by JAX.
 
 The point where a ray leaves the dot aperture (`dot_aperture`) is given, and shifts its
-landing point. The width of a ray's Gaussian (`kernel.spot`) is held constant in all
+landing point. The width of a ray's Gaussian (`psf.spot`) is held constant in all
 derivatives: it only stands for rays in between, and vanishes as rays get many. So is
 the light that an area of the pupil carries (`optics.aberration`), which varies by a few
 percent.
@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.wavefront.dot_aperture import ray_origins_mm
-from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.dot_arrays import Dots
 from lensfit.fitting.wavefront.parameters import (
     Layout,
     Scale,

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.dot_arrays import Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of
 from lensfit.optics.aberration import chief_sine, tangents
 from lensfit.optics.depth import cylinder_mm

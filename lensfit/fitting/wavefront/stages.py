@@ -16,16 +16,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.ndimage import gaussian_filter
 
-from lensfit.fitting.cores import cores
+from lensfit.fitting.device_mesh import cores
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.trial import Statistics
+from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels
 from lensfit.fitting.wavefront.dot_data import WIDE_OPEN, Beam, DotData, widen_beam
 from lensfit.fitting.wavefront.dot_weights import (
     MODEL_SHARE,
     initial_weights,
     robust_weights,
 )
-from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.normal import (
     DEFAULT_POINTS,
     FOLDS,

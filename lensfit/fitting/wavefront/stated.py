@@ -36,13 +36,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.levenberg import Quadratic
+from lensfit.fitting.wavefront.dot_arrays import Dots
 from lensfit.fitting.wavefront.dot_data import (
     WIDE_OPEN,
     Beam,
     DotData,
     PhotographedFallOff,
 )
-from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.parameters import (
     Layout,
     Scale,
@@ -50,7 +50,10 @@ from lensfit.fitting.wavefront.parameters import (
     fitted_stop_radius,
     pupil_of,
 )
-from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
+from lensfit.fitting.wavefront.start_values import (
+    defocus_deviation_mm,
+    stated_defocus_mm,
+)
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.optics.paraxial import rim_sine
 from lensfit.optics.pupil import Pupil, relative_illumination, width_along_field

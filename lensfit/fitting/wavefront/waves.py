@@ -46,7 +46,7 @@ from scipy.special import j1, jv
 
 from lensfit.detect.marker_board import MarkerBoard
 from lensfit.fitting.wavefront.basis import Basis, Cells
-from lensfit.fitting.wavefront.dots import (
+from lensfit.fitting.wavefront.dot_arrays import (
     Broad,
     Numbers,
     are_corners,

@@ -26,7 +26,7 @@ from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.start import stated_defocus_mm
+from lensfit.fitting.wavefront.start_values import stated_defocus_mm
 from lensfit.fitting.wavefront.term_groups import TermGroup
 from lensfit.report.plain_numbers import plain, plain_distance, rounded_numbers
 from lensfit.workflow.calibration.observe import Observed

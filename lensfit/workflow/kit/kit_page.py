@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lensfit.atomic import write_text_atomic
-from lensfit.preset.verdict import LEVELS
+from lensfit.preset.verdict_levels import LEVELS
 from lensfit.report.evidence import sentence_list
 from lensfit.report.markup import NOTHING, Markup, number, stated_value, tag
 from lensfit.report.plain_numbers import distance_of

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, final
 
-from lensfit.chart.camera import (
+from lensfit.chart.chart_camera import (
     blur_mm,
     distance_of_magnification_mm,
     magnification_at,

@@ -29,7 +29,7 @@ import numpy as np
 
 from lensfit import __version__
 from lensfit.atomic import write_text_atomic
-from lensfit.chart.camera import object_distance_mm
+from lensfit.chart.chart_camera import object_distance_mm
 from lensfit.preset.schema import Preset
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
 from lensfit.report.verdict import verdict_of

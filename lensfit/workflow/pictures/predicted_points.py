@@ -24,7 +24,7 @@ from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.illumination import area_stretch
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens
-from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
+from lensfit.fitting.wavefront.dot_arrays import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.green_landings import RINGS, Landings, green_landings
 from lensfit.workflow.pictures.chart_shapes import discs

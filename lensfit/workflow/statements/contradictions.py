@@ -13,7 +13,7 @@ from lensfit.fitting.breathing import reversed_breathing
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.preset.verdict import LEVELS
+from lensfit.preset.verdict_levels import LEVELS
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.aspect_contradictions import aspect_contradictions

@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 from lensfit.detect.observations import POINT
 from lensfit.errors import FitError
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.start import pose_from_homography
+from lensfit.fitting.start_poses import pose_from_homography
 
 FOCAL_LENGTH_SD, PITCH_SD = 0.03, 0.002
 _BREATHING_SD, _OTHER_BREATHING_SD = 1.0, 0.01

@@ -15,7 +15,7 @@ from drawn_lens import (
 )
 
 from lensfit.detect.line_profile import Centres, Stretches, Window, measure_centres
-from lensfit.fitting.wavefront.dots import undrawn
+from lensfit.fitting.wavefront.dot_arrays import undrawn
 from lensfit.fitting.wavefront.mark import (
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,

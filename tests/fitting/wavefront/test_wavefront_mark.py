@@ -16,7 +16,7 @@ from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
 from lensfit.detect.dot_images import CELLS
-from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
+from lensfit.fitting.wavefront.dot_arrays import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.mark import (
     detected_dot_centre,
     detected_point_offset_slopes_mm,

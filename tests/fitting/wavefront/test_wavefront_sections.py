@@ -10,10 +10,10 @@ import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
 from ray_moves import by_parameters
 
-from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
+from lensfit.fitting.wavefront.dot_arrays import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
-from lensfit.fitting.wavefront.start import defocus_size_mm
+from lensfit.fitting.wavefront.start_values import defocus_size_mm
 from lensfit.fitting.wavefront.term_groups import (
     FINE,
     candidate_term_groups,

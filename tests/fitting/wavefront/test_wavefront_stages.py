@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fitting.cores import cores
+from lensfit.fitting.device_mesh import cores
 from lensfit.fitting.wavefront import descent
 from lensfit.fitting.wavefront.coarse import coarse_fit
 from lensfit.fitting.wavefront.descent import (

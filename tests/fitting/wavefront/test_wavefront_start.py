@@ -20,7 +20,7 @@ from lensfit.fitting.wavefront.dot_data import (
     rows_spread_over_takes,
     select_dots,
 )
-from lensfit.fitting.wavefront.start import (
+from lensfit.fitting.wavefront.start_values import (
     defocus_size_mm,
     first_defocus,
     first_parameters,

@@ -17,7 +17,10 @@ from lensfit.fitting.wavefront.stages import (
     solve_stage,
     stage_with_beam,
 )
-from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
+from lensfit.fitting.wavefront.start_values import (
+    defocus_deviation_mm,
+    stated_defocus_mm,
+)
 from lensfit.fitting.wavefront.stated import (
     Statements,
     stated_beam,

@@ -9,7 +9,7 @@ import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, cell_counts, dots_at
 from ray_moves import only_group
 
-from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
+from lensfit.fitting.wavefront.dot_arrays import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
 from lensfit.fitting.wavefront.waves import (

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.fitting.fall_off.illumination import FallOffFit
+from lensfit.fitting.wavefront.dot_arrays import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.dot_data import DotData
-from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.paraxial import defocus_mm

@@ -15,7 +15,7 @@ from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.chart_view import View, views_by_state
 from lensfit.fitting.geometry import Frame
 from lensfit.fitting.parameters import Layout, Prior
-from lensfit.fitting.start import (
+from lensfit.fitting.start_poses import (
     Pose,
     focal_length_from_homographies,
     pose_from_homography,
