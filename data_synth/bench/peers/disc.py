@@ -8,8 +8,8 @@ large as that of the widest f-number, shifted along the radius of the field by
 changes sides with the side of focus, as a cat's eye does.
 
 The thin lens has the setting that was stated. Both its pupils are the lens itself, and
-it is focused by moving it: `chart.chart_camera` says where it then stands, `optics.paraxial`
-how far light misses the sensor.
+it is focused by moving it: `chart.chart_camera` says where it then stands,
+`optics.paraxial` how far light misses the sensor.
 """
 
 from typing import NamedTuple
