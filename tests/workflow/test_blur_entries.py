@@ -9,9 +9,8 @@ import pytest
 
 from lensfit.fitting.entrance_pupil import EntrancePupil
 from lensfit.fitting.select import TermDecision
-from lensfit.fitting.wavefront.dot_arrays import Dots
+from lensfit.fitting.wavefront.dot_arrays import Dots, FocusRange
 from lensfit.fitting.wavefront.dot_data import Beam, FocusGroup
-from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback

@@ -23,7 +23,7 @@ _BIAS_TOLERANCE_PX = 0.001
 _LARGEST_SHARE_LEFT = 0.25
 """Largest share of the sum of squared biases that may remain."""
 _ROUNDS = 3
-_GREEN, _ALL = slice(1, 2), slice(None)
+_GREEN_ALONE, _ALL_CHANNELS = slice(1, 2), slice(None)
 
 
 def bias_cancelling_move(
@@ -33,10 +33,10 @@ def bias_cancelling_move(
     changes the photographs least. Zero where they are too large for that.
     """
     few = sampled_dots(dot_data)
-    slopes, value = _slopes(stage, few, _GREEN), _value(stage, few, _GREEN)
+    slopes, value = _slopes(stage, few, _GREEN_ALONE), _value(stage, few, _GREEN_ALONE)
     move = _least_move(stage, slopes, slopes.T @ value)
     undone = replace(stage, parameters=stage.parameters + move)
-    left = _value(undone, few, _GREEN)
+    left = _value(undone, few, _GREEN_ALONE)
     fully = np.sum(left**2) < _LARGEST_SHARE_LEFT * np.sum(value**2)
     return move if fully else np.zeros_like(move)
 
@@ -45,13 +45,13 @@ def refit_with_fixed_biases(stage: Stage, dot_data: DotData) -> Stage:
     """The shape of dots fitted again while the cost falls, with the centroid biases of
     all channels fixed at their present values."""
     few = sampled_dots(dot_data)
-    held = _value(stage, few, _ALL)
+    held = _value(stage, few, _ALL_CHANNELS)
     off, cost = np.zeros_like(held), _cost(stage)
     for _ in range(_ROUNDS):
-        slopes = _slopes(stage, few, _ALL)
+        slopes = _slopes(stage, few, _ALL_CHANNELS)
         move = _least_move(stage, slopes, stage.slope + slopes.T @ off)
         after = recentre_patches(replace(stage, parameters=stage.parameters + move))
-        off = _value(after, few, _ALL) - held
+        off = _value(after, few, _ALL_CHANNELS) - held
         cost_after = _cost(after) + float(np.sum(off**2))
         if not cost_after < cost:
             break

@@ -13,17 +13,16 @@ from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.chart_view import Widths
 from lensfit.fitting.fall_off.illumination import FallOffFit
-from lensfit.fitting.wavefront.dot_arrays import Broad, Dots
-from lensfit.fitting.wavefront.dot_neighbours import own_cells
+from lensfit.fitting.wavefront.dot_arrays import Broad, Dots, FocusRange
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
     are_broad,
     are_of_one_setting,
     centroids_mm,
     diameters_mm,
+    own_cells,
     usable_cells,
 )
-from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.known_dots import Reference, dots_of
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of

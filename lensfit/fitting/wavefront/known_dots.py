@@ -34,15 +34,20 @@ from lensfit.fitting.wavefront.dot_aperture import (
     gaussian_dot_aperture,
     no_dot_aperture,
 )
-from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots, undrawn
-from lensfit.fitting.wavefront.dot_neighbours import neighbour_offsets_mm
+from lensfit.fitting.wavefront.dot_arrays import (
+    Broad,
+    DetectionAperture,
+    Dots,
+    FocusRange,
+    undrawn,
+)
 from lensfit.fitting.wavefront.dot_patches import (
     DotPhotograph,
     diameters_mm,
     dot_aperture_radius_mm,
+    neighbour_offsets_mm,
 )
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
-from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.optics.depth import (
     ObjectShift,
     Sections,

@@ -27,7 +27,7 @@ from lensfit.psf.spot import FOOTPRINT, Spot
 _BINS = 96
 _ROUNDS = 3
 """Of moving the window to the middle, as detection does."""
-_LEAST = 1e-12
+_LEAST_MM2 = 1e-12
 
 
 class DetectedLine(NamedTuple):
@@ -71,7 +71,7 @@ def detected_line(
 
 def _across(along: Array) -> Float[Array, "2"]:
     """Unit vector across a direction."""
-    return jnp.stack([along[1], -along[0]]) / jnp.sqrt(jnp.sum(along**2) + _LEAST)
+    return jnp.stack([along[1], -along[0]]) / jnp.sqrt(jnp.sum(along**2) + _LEAST_MM2)
 
 
 def _middle_and_share(
@@ -90,7 +90,7 @@ def _middle_and_share(
     counts = 0.5 + 0.5 * jnp.cos(jnp.pi * jnp.clip(away, 0, 1))
     flank = (away >= 1).astype(u.dtype)
     ray_mm = spot.landing_mm @ normal
-    blur_mm = jnp.sqrt(normal**2 @ variance_mm2 + FOOTPRINT * spot.cell_mm2 + _LEAST)
+    blur_mm = jnp.sqrt(normal**2 @ variance_mm2 + FOOTPRINT * spot.cell_mm2 + _LEAST_MM2)
     middle, share = jnp.zeros((), u.dtype), jnp.ones((), u.dtype)
     for _ in range(_ROUNDS):
         off = (middle + u)[None] - ray_mm[:, None]

@@ -19,9 +19,8 @@ import numpy as np
 
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.chart_view import ORDINARY_WIDTHS
-from lensfit.fitting.wavefront.dot_arrays import Broad, Dots
+from lensfit.fitting.wavefront.dot_arrays import Broad, Dots, FocusRange
 from lensfit.fitting.wavefront.dot_data import DotData, FocusGroup
-from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of

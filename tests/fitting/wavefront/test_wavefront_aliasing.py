@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from lensfit.fitting.wavefront.aliasing import centroid_and_brightness_errors
-from lensfit.fitting.wavefront.model_images import sharp_edged_images
+from lensfit.fitting.wavefront.aliasing import (
+    centroid_and_brightness_errors,
+    sharp_edged_images,
+)
 from lensfit.mosaic import MOSAICS, photosites
 
 CELLS = 24

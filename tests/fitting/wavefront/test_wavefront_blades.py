@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.blades import fit_blades
+from lensfit.fitting.wavefront.descent import fit_blades
 from lensfit.fitting.wavefront.stages import (
     first_stage,
     recentre_patches,

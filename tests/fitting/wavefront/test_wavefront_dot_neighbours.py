@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lensfit.fitting.wavefront.dot_neighbours import neighbour_offsets_px, own_cells
+from lensfit.fitting.wavefront.dot_patches import neighbour_offsets_px, own_cells
 
 PITCH_PX, SIZE_PX = 30.0, (200, 160)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SINE, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.moments import dot_widths_mm, likely_focus, set_focus
+from lensfit.fitting.wavefront.coarse import dot_widths_mm, likely_focus, set_focus
 
 PER_UM = np.sqrt(2) * 1e-3 / SINE
 """Defocus that shifts rays as much as a coefficient of 1 um does."""
