@@ -26,12 +26,12 @@ from data_synth.bench.result import Row, as_tables, bench_result, machine
 from data_synth.bench.sets import chosen_sets, shoot_of
 from lensfit.errors import LensfitError
 from lensfit.fitting.lens_states import fit
+from lensfit.fitting.wavefront.aliasing import model_images
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
 from lensfit.fitting.wavefront.dot_arrays import show_edges
 from lensfit.fitting.wavefront.dot_data import DotData, select_dots
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.model_images import model_images
 from lensfit.fitting.wavefront.stages import Stage, recentre_patches, stage_on_dots
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.programs import forget_programs

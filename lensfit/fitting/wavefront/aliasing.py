@@ -7,12 +7,9 @@ half. Both errors are computed from sums over the modelled image of the dot, onc
 all pixels and once over those that measured the channel. The wavefront needs to be only
 nearly right, since an error of its own moves both sums alike.
 
-Model images of dots behind a mosaic, on the cells of their patches.
-
-In all colours, of a brightness of 1 each, and with the sharp edges that dot apertures
-have. Behind a mosaic the fit takes dot apertures for Gaussians (`known_dots`). At the
-finest detail, which is what aliases, a Gaussian of 1.5 pixels has three times as much
-as a disc.
+The modelled images have the sharp edges of the dot apertures, which the fit takes for
+Gaussians behind a mosaic (`known_dots`): at the finest detail, which is what aliases, a
+Gaussian of 1.5 pixels has three times as much as a disc.
 """
 
 from dataclasses import replace

@@ -2,7 +2,7 @@
 
 The detected point of a small dot is the centroid of its light (`light_centroid`). That
 of a broad dot, a checker corner or a line is where detection finds it on what the model
-draws (`mark`). Where the model has the detected point farther out by some amount, the
+draws (`detected_point`). Where the model has the detected point farther out by some amount, the
 chief ray lands farther in by the same amount.
 """
 
@@ -17,6 +17,11 @@ from jaxtyping import Array, Float
 from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
+from lensfit.fitting.wavefront.detected_point import (
+    detected_point_offset_slopes_mm,
+    detected_point_offsets_mm,
+    line_light_shares,
+)
 from lensfit.fitting.wavefront.dot_arrays import are_lines
 from lensfit.fitting.wavefront.dot_data import (
     DotData,
@@ -24,11 +29,6 @@ from lensfit.fitting.wavefront.dot_data import (
     select_dots,
 )
 from lensfit.fitting.wavefront.light_centroid import centroid_slopes_mm, centroids_mm
-from lensfit.fitting.wavefront.mark import (
-    detected_point_offset_slopes_mm,
-    detected_point_offsets_mm,
-    line_light_shares,
-)
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.stages import Stage, with_iris

@@ -3,14 +3,13 @@
 The defocus common to all takes is poorly known before the fit, since a curved field or
 spherical aberration moves the best focus. Once blur is larger than a dot, the solve
 cannot cross from one such local minimum to another. The same holds for a field that is
-curved to the other side, and for the side of focus where nobody stated it.
-All starts run on a few dots, the promising ones on more (`multistart`).
+curved to the other side, and for the side of focus where nobody stated it. All starts
+run on a few dots, the promising ones on more (`multistart`).
 
-Curvature and astigmatism from the widths of the dots, before rays are traced.
-
-Out of focus by d a lens draws a disc of radius |d| tan a. Where the field is curved and
-astigmatic, d along the radius of the field differs from d across it, and both grow as
-the square of the field height h,
+Starts of curvature and astigmatism come from the widths of the dots, before rays are
+traced. Out of focus by d a lens draws a disc of radius |d| tan a. Where the field is
+curved and astigmatic, d along the radius of the field differs from d across it, and
+both grow as the square of the field height h,
 
     d_along = d + o + a h^2,    d_across = d + o + b h^2,
 
@@ -219,7 +218,7 @@ class _StartOffsets(NamedTuple):
     offsets_from_measured, offsets_from_stated : Defocus common to all takes, in units
         of the largest measured one: added to the measured defocus of each take, and to
         the stated one.
-    curved : Number of curved fields (`moments`).
+    curved : Number of curved fields (`likely_focus`).
     """
 
     offsets_from_measured: tuple[float, ...]

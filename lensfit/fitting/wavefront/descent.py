@@ -9,11 +9,10 @@
 4. `fit_selected_term_groups`: only the term groups that model selection keeps.
 5. `last_fit`: the rest freed; many rays.
 
-How many blades the iris has, from the shape of defocused dots.
-
-The edge of a defocused dot near the axis is the edge of the pupil. For every number of
-blades the corners are rotated to where they fit the photographs best. The number of
-blades with the smallest misfit is kept if it is clearly better than a round iris.
+The number of blades is seen in defocused dots near the axis, whose edge is the edge of
+the pupil. For every number the corners are rotated to where they fit the photographs
+best; the one with the smallest misfit is kept if it is clearly better than a round
+iris (`fit_blades`).
 """
 
 from dataclasses import replace

@@ -1,15 +1,13 @@
-"""Every dot of the wavefront fit as arrays: where it is, and its pixels.
+"""Every dot of the wavefront fit as arrays: where it is, at which focus, and its pixels.
 
 One row per dot, three channels each. A patch is a square of cells; a cell is a square
 of pixels, more than one where the blur is large, so that patches of all photographs
 have one shape and one compiled program serves them all.
 
-The focus coordinate: focus distances as vergence, in which aberrations change.
-
 Where elements move against each other as the lens is focused, aberrations change with
-the focus distance d, to first order in proportion to its vergence 1/d. The coordinate
-is 0 at the reference state, positive nearer, and at most 1 away from it at the
-photographed distances; distances are millimetres from the sensor, as on the barrel.
+the focus distance d, to first order in proportion to its vergence 1/d. The focus
+coordinate is 0 at the reference state, positive nearer, and at most 1 away from it at
+the photographed distances; distances are millimetres from the sensor, as on the barrel.
 """
 
 from collections.abc import Iterable
@@ -60,7 +58,7 @@ Numbers = Any
 
 
 class DetectionAperture(NamedTuple):
-    """The aperture through which detection measures a broad dot's position (`mark`).
+    """The aperture through which detection measures a broad dot's position (`detected_point`).
 
     Attributes
     ----------
@@ -124,7 +122,7 @@ class Dots(NamedTuple):
     field_mm : Where the chief ray lands, from the principal point.
     principal_distance_ratio : Principal distance of the dot's state over the reference
         state's.
-    focus : Focus coordinate of the dot's state (`focus_range`).
+    focus : Focus coordinate of the dot's state (`FocusRange`).
     group : Which defocus.
     stop : Which f-number; 0 is the widest.
     stop_radius : Nominal, in radii of the widest stop.

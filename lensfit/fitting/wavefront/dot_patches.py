@@ -1,10 +1,9 @@
 """One photograph as input of the wavefront fit: images of dots, and their geometry.
 
-Neighbours of a dot: those that were detected, and those that the frame cuts.
-
-A broad dot's neighbours reach into its patch, and where blur is wide into its light. A
-dot that lies across the frame's edge is not detected, yet sends light. It is assumed to
-lie opposite the detected neighbour on the other side, at the same distance.
+A broad dot's neighbours reach into its patch, and where blur is wide into its light:
+those that were detected, and those that the frame cuts. A dot that lies across the
+frame's edge is not detected, yet sends light. It is assumed to lie opposite the
+detected neighbour on the other side, at the same distance.
 """
 
 from collections.abc import Iterable, Sequence

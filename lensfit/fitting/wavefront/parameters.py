@@ -129,7 +129,7 @@ def aberration_of(
     ----------
     principal_distance_ratio : Principal distance of a state over that of the reference
         state: the same ray lands further out where the sensor lies further back.
-    focus : Focus coordinate (`focus_range`).
+    focus : Focus coordinate (`FocusRange`).
     """
     part = {name: parameters[where] for name, where in layout.blocks.items()}
     distance = scale.principal_distance_mm * jnp.exp(part["exit_pupil"][0])

@@ -10,14 +10,12 @@ from drawn_lens import LAYOUT, Seidel, Shot, photographed
 from lensfit.fitting.joint_adjustment import ErrorAmplitudes
 from lensfit.fitting.wavefront.adjusted_wavefront import (
     adjust_wavefront,
+    bias_cancelling_move,
+    refit_with_fixed_biases,
     refit_without_centroid_bias,
     wavefront_errors,
 )
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
-from lensfit.fitting.wavefront.constrained_refit import (
-    bias_cancelling_move,
-    refit_with_fixed_biases,
-)
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import (

@@ -13,7 +13,7 @@ from scipy.ndimage import (
 
 from lensfit.detect.corner_fit import WINDOW_PER_SQUARE, fit_corners, half_width_px
 from lensfit.detect.marker_board import marker_board
-from lensfit.fitting.wavefront.corner_mark import detected_corner
+from lensfit.fitting.wavefront.detected_edges import detected_corner
 from lensfit.fitting.wavefront.edges import (
     is_square_ahead_bright,
     line_transfers,

@@ -12,6 +12,7 @@ from found_marks import found_marks
 from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.adjusted_wavefront import (
+    bias_cancelling_move,
     chief_ray_takes,
     takes_with_shared_moves,
 )
@@ -19,7 +20,6 @@ from lensfit.fitting.wavefront.centroid_biases import (
     detected_point_moves_mm,
     linear_detected_point_moves_mm,
 )
-from lensfit.fitting.wavefront.constrained_refit import bias_cancelling_move
 from lensfit.fitting.wavefront.dot_data import DotData
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.stages import Stage, first_stage, set_priors, solve_stage

@@ -1,5 +1,5 @@
 """The detected point of a broad target, as the model predicts it: of a dot on its image
-here, of a checker corner by `corner_mark`, of a line by `line_mark`.
+here, of a checker corner and of a line as `detected_edges` has them.
 
 Detection (`detect.centroids`) subtracts the light around a dot, and takes the centroid
 within an aperture about it: light that blur carries farther than that has no effect.
@@ -21,9 +21,12 @@ from jaxtyping import Array, Float
 
 from lensfit.detect.centroids import BAND_GAIN
 from lensfit.detect.dot_images import CELLS
-from lensfit.fitting.wavefront.corner_mark import detected_corner
+from lensfit.fitting.wavefront.detected_edges import (
+    DetectedLine,
+    detected_corner,
+    detected_line,
+)
 from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots
-from lensfit.fitting.wavefront.line_mark import DetectedLine, detected_line
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback

@@ -16,12 +16,12 @@ from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
 from lensfit.detect.dot_images import CELLS
-from lensfit.fitting.wavefront.dot_arrays import DetectionAperture, undrawn
-from lensfit.fitting.wavefront.mark import (
+from lensfit.fitting.wavefront.detected_point import (
     detected_dot_centre,
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,
 )
+from lensfit.fitting.wavefront.dot_arrays import DetectionAperture, undrawn
 
 PIXEL_MM, RADIUS_PX, SPACING_PX = 0.01, 3.4, 12.0
 FIELD_MM = np.array([13.0, -9.0])

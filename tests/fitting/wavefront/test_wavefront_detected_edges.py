@@ -15,12 +15,12 @@ from drawn_lens import (
 )
 
 from lensfit.detect.line_profile import Centres, Stretches, Window, measure_centres
-from lensfit.fitting.wavefront.dot_arrays import undrawn
-from lensfit.fitting.wavefront.mark import (
+from lensfit.fitting.wavefront.detected_point import (
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,
     line_light_shares,
 )
+from lensfit.fitting.wavefront.dot_arrays import undrawn
 
 PIXEL_MM, WIDTH_PX, PITCH_PX, TURN_RAD = 0.01, 3.0, 30.0, 0.12
 FIELD_MM = np.array([13.0, -9.0])
