@@ -2,8 +2,8 @@
 
 The detected point of a small dot is the centroid of its light (`light_centroid`). That
 of a broad dot, a checker corner or a line is where detection finds it on what the model
-draws (`detected_point`). Where the model has the detected point farther out by some amount, the
-chief ray lands farther in by the same amount.
+draws (`detected_point`). Where the model has the detected point farther out by some
+amount, the chief ray lands farther in by the same amount.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Every dot of the wavefront fit as arrays: where it is, at which focus, and its pixels.
+"""Every dot of the wavefront fit as arrays: where it is, its focus, and its pixels.
 
 One row per dot, three channels each. A patch is a square of cells; a cell is a square
 of pixels, more than one where the blur is large, so that patches of all photographs
@@ -58,7 +58,8 @@ Numbers = Any
 
 
 class DetectionAperture(NamedTuple):
-    """The aperture through which detection measures a broad dot's position (`detected_point`).
+    """The aperture through which detection measures where a broad dot is
+    (`detected_point`).
 
     Attributes
     ----------
