@@ -25,10 +25,13 @@ from lensfit.workflow.statements.blur_statements import (
     unlikely_focus_distances,
 )
 from lensfit.workflow.statements.contradiction import Contradiction
-from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
+from lensfit.workflow.statements.encoding import (
+    assumed_encodings,
+    impossible_fall_off,
+    nonlinear_views,
+)
 from lensfit.workflow.statements.focus_curves import focus_units
 from lensfit.workflow.statements.lens_identity import mixed_lenses
-from lensfit.workflow.statements.linearity import nonlinear_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
 from lensfit.workflow.statements.targets_seen import contradicted_counts
 

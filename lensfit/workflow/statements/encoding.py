@@ -1,4 +1,4 @@
-"""Encodings that were assumed, and fall-off that no encoding of light can have.
+"""Encodings: those that were assumed, and whether samples are linear in light.
 
 Integer TIFF and 16-bit PNG files hold linear samples as often as sRGB ones, and do not
 record which: their encoding has to be stated. Read with the wrong one, light becomes a
@@ -8,14 +8,172 @@ less in wide lenses; a far larger fall-off was decoded wrongly, or lit unevenly.
 defocus moves light but absorbs none: at one stop a dot's light, summed, falls off
 alike in focus and out of it. A power or a logarithm of light does not keep its sum, so
 that fall-off then changes with focus, and is less than any lens has.
+
+Of one photograph how the sum of a small dot stays the same tells whether its samples are
+linear in light. Dots of one size fall on the pixel grid as chance has it: one on the middle of a pixel
+is concentrated in it, one on a corner is spread over four. Their light, summed, is the
+same. Of samples that are a power g of light it is not: spread over an area A, light per
+pixel is as 1/A and the sum of its powers as A^(1 - g). With S the sum of samples s of a
+dot and C = sum s^2 / S^2 its concentration, which is as 1/A,
+
+    d log S / d log C = g - 1,
+
+whatever lens, blur and fall-off, since only neighbours are compared: what changes
+slowly over the frame is taken out of both as a polynomial. Holes of a chart differ in
+size, which changes S and C too; so only that part of both counts that goes with where
+on its pixel a dot lies (that phase is the instrument, in the words of statistics; the
+slope is by two-stage least squares). A power g of 0.45 is that of
+video and sRGB files read as linear, 2.2 that of linear files read as sRGB. Colours that
+were interpolated from a mosaic depart from 1 by up to 0.3; sharpening, whose dark
+halos are clipped at black, by more.
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from lensfit.fitting.chart_view import View
+from lensfit.report.evidence import sentence_list
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.contradiction import Contradiction
+
+_DEGREE = 6
+_FEWEST_PER_TERM = 3
+_OUTLIER = 4.0
+"""Robust standard deviations."""
+_KNOWN = 0.05
+"""Standard deviation up to which a power counts."""
+_LEAST_SPREAD = 0.008
+"""Of the logarithm of concentration, rms: below it dots are too wide for the grid."""
+_LINEAR = 0.62, 1.4
+"""Powers of linear samples, and of tone curves and mosaics."""
+_UNLIKE_OTHERS = 0.25
+_SIGNIFICANT = 5.0
+_FEWEST_OTHERS = 2
+_MOST_NAMES = 3
+
+
+class Power(NamedTuple):
+    """Of light, that the samples of a photograph are; and its standard deviation."""
+
+    value: float
+    standard_deviation: float
+
+
+def power_of_light(take: View) -> Power | None:
+    """None where dots are dark, blurred over many pixels, or too few."""
+    images, seen = take.dot_images, take.observations
+    if images is None or seen.are_lines or seen.are_corners or not seen.bright:
+        return None
+    if images.cell_px != 1 or images.mosaic is not None:
+        return None
+    light = np.where(images.valid, images.light, 0.0)[:, 1]
+    total = light.sum((1, 2))
+    whole = ~images.clipped.any((1, 2, 3)) & ~seen.overlapping[images.marks]
+    good = whole & (total > 0)
+    terms = _smooth_terms(take)[good]
+    if good.sum() < _FEWEST_PER_TERM * terms.shape[1]:
+        return None
+    squares = (light[good] ** 2).sum((1, 2)) / total[good] ** 2
+    values = np.log(np.column_stack([total[good], squares]))
+    phases = _phases(seen.points_px[images.marks[good]])
+    rest = _from_neighbours(terms, np.column_stack([values, phases]))
+    usual = _is_usual(rest[:, 0]) & _is_usual(rest[:, 1])
+    by_sum, by_square, by_phase = rest[usual, 0], rest[usual, 1], rest[usual, 2:]
+    seen_by_phase = by_phase @ np.linalg.lstsq(by_phase, by_square, rcond=None)[0]
+    spread = seen_by_phase @ seen_by_phase
+    if spread < _LEAST_SPREAD**2 * len(by_sum):
+        return None
+    slope = float(seen_by_phase @ by_sum / spread)
+    left = by_sum - slope * by_square
+    freedom = max(len(left) - terms.shape[1], 1)
+    return Power(1 + slope, float(np.sqrt(left @ left / freedom / spread)))
+
+
+def _phases(points_px: np.ndarray) -> np.ndarray:
+    """Where on its pixel each point lies, as waves of one and of half a pixel."""
+    turn = 2 * np.pi * np.column_stack([points_px, 2 * points_px])
+    return np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+def nonlinear_views(takes: Sequence[View]) -> list[Contradiction]:
+    """At most one: the encoding of all views, or of those unlike the others."""
+    powers = {take.name: power_of_light(take) for take in takes}
+    known = {
+        name: power
+        for name, power in powers.items()
+        if power is not None and power.standard_deviation < _KNOWN
+    }
+    if not known:
+        return []
+    usual = float(np.median([power.value for power in known.values()]))
+    if not _LINEAR[0] < usual < _LINEAR[1]:
+        return [_not_linear(usual, tuple(known))]
+    unlike = {
+        name: power.value
+        for name, power in known.items()
+        if abs(power.value - usual)
+        > max(_UNLIKE_OTHERS, _SIGNIFICANT * power.standard_deviation)
+    }
+    if not unlike or len(known) - len(unlike) < _FEWEST_OTHERS:
+        return []
+    return [_developed_otherwise(unlike, usual)]
+
+
+def _smooth_terms(take: View) -> np.ndarray:
+    """Polynomials over the frame at the dots that have images."""
+    assert take.dot_images is not None
+    seen = take.observations
+    half = np.asarray(seen.image_size_px, float) / 2
+    place = (seen.points_px[take.dot_images.marks] - half) / np.linalg.norm(half)
+    x, y = place.T
+    orders = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+    return np.stack([x**i * y**j for i, j in orders], 1)
+
+
+def _from_neighbours(terms: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+
+
+def _is_usual(values: np.ndarray) -> np.ndarray:
+    size = np.abs(values)
+    return size <= _OUTLIER * 1.4826 * np.median(size)
+
+
+def _not_linear(power: float, images: tuple[str, ...]) -> Contradiction:
+    probable = "srgb" if power < 1 else "linear"
+    are = "coded" if power < 1 else "linear"
+    return Contradiction(
+        kind="encoding",
+        limit="undistortion",
+        text="the encoding is not the stated one: as read, samples are light to the "
+        f"power {power:.2f}, so the files are probably {are}",
+        remedy=f'check encoding of the views, probably "{probable}"',
+        statement="encoding",
+        stated=1.0,
+        agrees_with=power,
+        images=images,
+    )
+
+
+def _developed_otherwise(unlike: dict[str, float], usual: float) -> Contradiction:
+    names = [Path(name).stem for name in list(unlike)[:_MOST_NAMES]]
+    power = float(np.median(list(unlike.values())))
+    return Contradiction(
+        kind="encoding",
+        limit="undistortion",
+        text=f"the encoding of {sentence_list(names)} is not that of the others: "
+        f"samples are light to the power {power:.2f} there, {usual:.2f} elsewhere",
+        remedy="develop all photographs alike, without curves, and check encoding",
+        statement="encoding",
+        stated=usual,
+        agrees_with=power,
+        images=tuple(unlike),
+    )
+
 
 _STOPPED_DOWN, _BELOW_WIDEST = 5.6, 1.9
 """F-number, and times the widest photographed: rims clip the light no more."""
@@ -26,7 +184,6 @@ _LEAST_PART, _LAW_STOPS = 0.3, (0.4, 1.5)
 lens is not so wide that its pupil may grow much with the field."""
 _FOCUS_STOPS = 0.2
 """By which fall-off may change with focus at a small stop."""
-_MOST_NAMES = 3
 
 
 def assumed_encodings(observed: Sequence[Observed]) -> Iterator[Contradiction]:

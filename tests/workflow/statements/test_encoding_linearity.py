@@ -11,7 +11,7 @@ from lensfit.detect.dot_images import cut_dot_images
 from lensfit.detect.find import observe
 from lensfit.fitting.chart_view import View
 from lensfit.photograph import Photograph
-from lensfit.workflow.statements.linearity import nonlinear_views, power_of_light
+from lensfit.workflow.statements.encoding import nonlinear_views, power_of_light
 
 SIZE_PX, PITCH_PX, RADIUS_PX, BLUR_PX = (640, 480), 27.37, 0.7, 0.15
 HALF_PX, FINE = 6, 8
