@@ -12,9 +12,9 @@ that fall-off then changes with focus, and is less than any lens has.
 Of one photograph how the sum of a small dot stays the same tells whether its samples
 are linear in light. Dots of one size fall on the pixel grid as chance has it: one on
 the middle of a pixel is concentrated in it, one on a corner is spread over four. Their
-light, summed, is the same. Of samples that are a power g of light it is not: spread over an area A, light per
-pixel is as 1/A and the sum of its powers as A^(1 - g). With S the sum of samples s of a
-dot and C = sum s^2 / S^2 its concentration, which is as 1/A,
+light, summed, is the same. Of samples that are a power g of light it is not: spread
+over an area A, light per pixel is as 1/A and the sum of its powers as A^(1 - g). With S
+the sum of samples s of a dot and C = sum s^2 / S^2 its concentration, which is as 1/A,
 
     d log S / d log C = g - 1,
 
