@@ -184,7 +184,7 @@ with atomic_output_set(folder, replaces=[Path("maps/gone.txt")]) as made:
         (made / "maps" / f"{number}.txt").write_text("new")
     for name in ("link", "replace", "rename", "unlink", "rmdir", "scandir"):
         setattr(os, name, dying(getattr(os, name)))
-    swapped_folder._exchanged = dying(swapped_folder._exchanged)
+    swapped_folder._exchange_names = dying(swapped_folder._exchange_names)
     swapped_folder.shutil.rmtree = dying(swapped_folder.shutil.rmtree)
 print(calls)
 """
