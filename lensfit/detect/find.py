@@ -94,7 +94,7 @@ def _without_second_chart(
     (x0, y0), (x1, y1) = np.floor(lost.min(0)), np.ceil(lost.max(0))
     note = (
         f"Two charts are in the picture and join to one grid; {len(lost)} of "
-        f"{len(larger)} marks, between x {x0:.0f} to {x1:.0f} and y {y0:.0f} to "
+        f"{len(larger)} points, between x {x0:.0f} to {x1:.0f} and y {y0:.0f} to "
         f"{y1:.0f} px, are of the smaller one and left out; take it away, or state roi."
     )
     kept = only(found, larger)

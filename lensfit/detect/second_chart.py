@@ -54,7 +54,7 @@ def larger_chart(
     ----------
     cells : Cells in which neighbouring points are one step apart.
     """
-    steps = _steps(cells, points_px)
+    steps = _steps_of_board(cells, points_px)
     # Two steps of which one crosses a seam predict nothing.
     off = np.where(steps.bend < _limit(steps.bend), steps.off, np.nan)
     tested = np.isfinite(off).any(0)
@@ -84,15 +84,16 @@ def _limit(differences: np.ndarray) -> float:
     return max(_OFF_STEP, _USUAL_TIMES * usual)
 
 
-def _steps(cells: np.ndarray, points_px: np.ndarray) -> _Steps:
+def _steps_of_board(cells: np.ndarray, points_px: np.ndarray) -> _Steps:
     """All steps along rows and columns."""
     board = Board(len(cells))
     board.place(np.arange(len(cells)), cells)
     padded = np.concatenate([points_px, np.full((1, 2), np.nan)])
-    return _joined([_along(board, padded, axis) for axis in (0, 1)])
+    return _joined_steps([_steps_along(board, padded, axis) for axis in (0, 1)])
 
 
-def _along(board: Board, padded: np.ndarray, axis: int) -> _Steps:
+def _steps_along(board: Board, padded: np.ndarray, axis: int) -> _Steps:
+    """Steps along rows (axis 0) or columns; `padded` ends in a point of NaN."""
     step, waiting, found = STEPS[axis], np.arange(len(board.cells)), []
     for gap in range(1, _WIDEST_GAP + 1):
         ahead = board.at(board.cells[waiting] + gap * step)
@@ -101,8 +102,8 @@ def _along(board: Board, padded: np.ndarray, axis: int) -> _Steps:
         waiting = waiting[~there]
         one = (padded[end] - padded[start]) / gap
         sides = [
-            _beside(board, padded, start, -step),
-            _beside(board, padded, end, step),
+            _next_two_steps(board, padded, start, -step),
+            _next_two_steps(board, padded, end, step),
         ]
         bend, off = [], []
         for near, far in sides:
@@ -112,10 +113,10 @@ def _along(board: Board, padded: np.ndarray, axis: int) -> _Steps:
             bend.append(np.linalg.norm(near - far, axis=1) / length)
             off.append(np.linalg.norm(one - predicted, axis=1) / length)
         found.append(_Steps(start, end, np.stack(bend), np.stack(off)))
-    return _joined(found)
+    return _joined_steps(found)
 
 
-def _beside(
+def _next_two_steps(
     board: Board, padded: np.ndarray, points: np.ndarray, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The two steps before points (after them, of a step forwards), the nearer first,
@@ -125,5 +126,5 @@ def _beside(
     return forwards * (place[1] - place[0]), forwards * (place[2] - place[1])
 
 
-def _joined(parts: list[_Steps]) -> _Steps:
+def _joined_steps(parts: list[_Steps]) -> _Steps:
     return _Steps(*(np.concatenate(one, axis=-1) for one in zip(*parts, strict=True)))

@@ -115,8 +115,12 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
             remedy="give --direction undistort (values are distorted positions) or "
             "redistort",
         )
-    width = _mm_of(found, stated.sensor_width_mm, "lens/aperture", path, "sensor-width")
-    focal = _mm_of(found, stated.focal_length_mm, "lens/focal", path, "focal-length")
+    width = _positive_mm(
+        found, stated.sensor_width_mm, "lens/aperture", path, "sensor-width"
+    )
+    focal = _positive_mm(
+        found, stated.focal_length_mm, "lens/focal", path, "focal-length"
+    )
     display = found.display_window
     size = (display.width, display.height)
     if stated.size_px not in (None, size):
@@ -124,11 +128,7 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
             f"is a map for {size[0]} x {size[1]}", where=path, remedy="leave --size out"
         )
     area = (width, width * size[1] / size[0])
-    maps = {"g": _map(found, found.uv, direction, area, path)}
-    for channel in ("r", "b"):
-        if channel in found.channel_uv:
-            uv = found.channel_uv[channel]
-            maps[channel] = _map(found, uv, direction, area, path)
+    maps = _maps(found, direction, area, path)
 
     def channel_from_green(channel: str):
         return lambda green: maps[channel].distorted(maps["g"].undistorted(green))
@@ -153,9 +153,18 @@ def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
     )
 
 
-def _mm_of(
+def _maps(
+    found: Stmap, direction: str, area: tuple[float, float], path: Path
+) -> dict[str, UvMap]:
+    """By channel: green's, and those of the colours that have one of their own."""
+    uv = {**found.channel_uv, "g": found.uv}
+    return {c: _map(found, uv[c], direction, area, path) for c in "grb" if c in uv}
+
+
+def _positive_mm(
     found: Stmap, stated: float | None, key: str, path: Path, option: str
 ) -> float:
+    """A length that was stated, else that of the file's header."""
     value = stated if stated is not None else found.attributes.get(key)
     if not isinstance(value, (int, float)) or not 0 < value < 1e6:
         raise ExchangeError(

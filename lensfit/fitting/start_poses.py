@@ -2,8 +2,8 @@
 
 A homography is decomposed with the stated focal length. Distortion is least near the
 middle of the frame, so the homography is fitted to the third of the detections nearest
-to it. Rotation and distance are as accurate as the
-stated focal length, which suffices as a start.
+to it. Rotation and distance are as accurate as the stated focal length, which suffices
+as a start.
 
 Boards square to the axis have the same image at twice the focal length and twice the
 distance. The scale therefore follows from stated values alone: the focal length,

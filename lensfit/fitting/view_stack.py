@@ -4,10 +4,9 @@ Detections are padded to the largest number in any photograph; padding is not `p
 
 A program is compiled for the shapes of its arrays, and photographs hold any number of
 detections. Start poses are therefore padded to a power of two, and detections divided
-into chunks of `CHUNK_SIZE` of one photograph
-each, and the number of chunks is filled up to a power of two, no smaller than most
-shoots need; a loop over the chunks in use pays for those alone. Within a photograph
-detections are shuffled, so that
+into chunks of `CHUNK_SIZE` of one photograph each, and the number of chunks is filled
+up to a power of two, no smaller than most shoots need; a loop over the chunks in use
+pays for those alone. Within a photograph detections are shuffled, so that
 
 - the first chunks of all photographs are a fair sample of the whole, and
 - every other detection of a chunk makes one of two random halves (`normal`).

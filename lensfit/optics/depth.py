@@ -16,12 +16,12 @@ A scale sqrt(c(z) / c(z_ref)), c the principal distance at each depth, makes the
 paraxial part exact for any change.
 
 In an anamorphic lens x and y are focused each by itself, in two sections. First-order
-optics holds in either with principal distances c_x and c_y of its own; the squeeze is
-s = c_y / c_x. An object whose vergence differs by V from that of
-the focus is out of focus by c_x^2 V along x and by c_y^2 V along y: its blur on the
-sensor is an oval of 1 : s^2, and of 1 : s once the picture is desqueezed. A lens that
-is sharp in both sections at its focus distance keeps the ratio 1/s^2 of its defoci
-wherever it is focused.
+optics holds in either with principal distances c_x and c_y of its own; the squeeze is s
+= c_y / c_x. An object whose vergence differs by V from that of the focus is out of
+focus by c_x^2 V along x and by c_y^2 V along y: its blur on the sensor is an oval of 1
+: s^2, and of 1 : s once the picture is desqueezed. A lens that is sharp in both
+sections at its focus distance keeps the ratio 1/s^2 of its defoci wherever it is
+focused.
 
 Moving the sensor, or the lens behind the cylinders, is the same defocus in both
 sections, and counts as that of y. What x has beyond it is the work of a cylinder in

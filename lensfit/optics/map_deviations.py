@@ -136,8 +136,16 @@ def position_deviations_mm(
     if undistorted_mm is not frame_mm:
         place, by_number = _slopes(undistorted_mm, distortion)
         pose = pose_moves(place, undistorted_mm, unit_mm)
-    left = by_number - pose @ undone
-    variance = np.sum(left @ covariance * left, -1)
+    return _deviations(by_number - pose @ undone, covariance)
+
+
+def _deviations(
+    by_number: Float[np.ndarray, "coordinates numbers"],
+    covariance: Float[np.ndarray, "*errors numbers numbers"],
+) -> Float[np.ndarray, "*errors points 2"]:
+    """Standard deviations of coordinates (x and y in turn) that move so with numbers of
+    this covariance."""
+    variance = np.sum(by_number @ covariance * by_number, -1)
     return np.sqrt(np.maximum(variance, 0.0)).reshape(*variance.shape[:-1], -1, 2)
 
 
@@ -224,9 +232,7 @@ def object_deviations_mm(
         landed, by_number = _object_slopes(frame, perspective)
         undone, *_ = np.linalg.lstsq(_affine(landed), by_number, rcond=1e-10)
         landed, by_number = _object_slopes(object_points_mm[mine], perspective)
-        left = by_number - _affine(landed) @ undone
-        variance = np.einsum("cn,nm,cm->c", left, covariance, left)
-        found[mine] = np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 2)
+        found[mine] = _deviations(by_number - _affine(landed) @ undone, covariance)
     return found
 
 

@@ -8,11 +8,12 @@ Gauss's quadrature.
 """
 
 import itertools
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.optics.pupil import (
     SHARPNESS,
@@ -30,6 +31,22 @@ three times it, are spread about evenly: rays may take three wavelengths in turn
 each wavelength still fills the pupil by itself. (Every third ray of a spiral of golden
 angles lies on one of seven arms.)"""
 FEWEST_SPOKES = 97
+
+
+class RayGroup(NamedTuple):
+    """One of several groups that share out the rays of a spiral: few rays at a time, in
+    a loop, make a sum over many.
+
+    Attributes
+    ----------
+    index, count : Which group it is, and of how many; it has every `count`-th ray.
+    """
+
+    index: Int[Array, ""] | int
+    count: Int[Array, ""] | int
+
+
+ALL_RAYS = RayGroup(0, 1)
 
 
 class Opening(eqx.Module):
@@ -114,21 +131,17 @@ def opening_on_spokes(
     )
 
 
-def nodes_in(
-    opening: Opening, nodes: int, first: Array | int = 0, every: Array | int = 1
-) -> PupilNodes:
-    """Rays of a spiral that fills an opening.
+def nodes_in(opening: Opening, nodes: int, group: RayGroup = ALL_RAYS) -> PupilNodes:
+    """Rays of a group; those of all groups fill the opening in one spiral.
 
     Parameters
     ----------
-    nodes : How many rays (static).
-    first, every : Of a spiral of `every` times as many rays the ray to begin with, and
-        the step to the next: from each of the first `every`, these rays make the whole
-        spiral.
+    nodes : How many rays the group has (static).
     """
-    number = first + every * np.arange(nodes)
+    number = group.index + group.count * np.arange(nodes)
     spoke = number % len(opening.density)
-    inside = (jnp.asarray(number, float) + 0.5) / jnp.asarray(every * nodes, float)
+    rays = jnp.asarray(group.count * nodes, float)
+    inside = (jnp.asarray(number, float) + 0.5) / rays
     reach = jnp.sqrt(inside).astype(opening.edge.dtype)
     s = opening.centre[None] + reach[:, None] * opening.edge[spoke]
     density = opening.density[spoke]

@@ -4,8 +4,8 @@ Places count from the middle of the stop in its own radii, x right and y down; w
 and the blades are is said in `lensfit.optics.pupil`.
 
 What places let through gives a blurred light its inside. Without it the opening is
-even. With the ring brightness b and the squared share x of
-the way from the middle of the stop to its edge, blades included,
+even. With the ring brightness b and the squared share x of the way from the middle of
+the stop to its edge, blades included,
 
     (1 + b) x^b  for b > 0,      (1 + |b|) (1 - x)^|b|  for b < 0,
 

@@ -1,8 +1,8 @@
 """A flat plate with depth, after the warp and before it is blurred.
 
 Where a Cryptomatte knows which objects of different depth share a pixel, each object's
-depth and colour beside it are those of its own pixels nearby,
-weighted towards those that it fills; the coverage says how much of the pixel it has.
+depth and colour beside it are those of its own pixels nearby, weighted towards those
+that it fills; the coverage says how much of the pixel it has.
 """
 
 from collections.abc import Iterator

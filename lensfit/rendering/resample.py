@@ -15,10 +15,10 @@ part of the display range, and the result is only kept above zero. Alpha does no
 1.
 
 OpenCV's cubic is the fastest on a CPU (`remapped_pixels`). Since version 5, `cv2.remap`
-weights samples by the exact fraction of a position; before, by the nearest
-thirty-second of a pixel. Positions for it are moved to where its
-kernel reproduces a ramp (`filters.ramp_fraction`). In absolute pixels, float32 has a
-resolution of 1.2e-4 px at UHD.
+weights samples by the exact fraction of a position; before, by the nearest thirty-
+second of a pixel. Positions for it are moved to where its kernel reproduces a ramp
+(`filters.ramp_fraction`). In absolute pixels, float32 has a resolution of 1.2e-4 px at
+UHD.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -22,7 +22,6 @@ from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
 from lensfit.fitting.wavefront.rays import (
-    RayGroup,
     Rays,
     open_pupil_of,
     rays_of,
@@ -30,6 +29,7 @@ from lensfit.fitting.wavefront.rays import (
 )
 from lensfit.fitting.wavefront.shapes import colours_of, shape_jacobian
 from lensfit.fitting.wavefront.waves import WAVES, Transfer
+from lensfit.optics.pupil_nodes import RayGroup
 
 FOLDS = 32
 """Two for each of up to sixteen takes; more takes share them."""

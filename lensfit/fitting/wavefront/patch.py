@@ -216,8 +216,7 @@ def _design(
     rays_of_group, groups = design_rays
 
     def of_group(index: Array) -> Array:
-        rays = rays_of_group(index)
-        return _design_of_rays(rays, basis.profile(rays.spot, variance_mm2), basis)
+        return _design_of_rays(rays_of_group(index), variance_mm2, basis)
 
     drawn = jax.eval_shape(of_group, groups)
     total = jax.lax.fori_loop(
@@ -230,9 +229,10 @@ def _design(
 
 
 def _design_of_rays(
-    rays: Rays, profile: Profile, basis: Basis
+    rays: Rays, variance_mm2: Float[Array, "*axes"], basis: Basis
 ) -> Float[Array, "cells2 shapes"]:
     """Of one group."""
+    profile = basis.profile(rays.spot, variance_mm2)
     weight = rays.spot.weight[None]
     # Three products: one of arrays put together takes twice as long.
     across = _products(profile.rows, profile.columns_moved * weight)

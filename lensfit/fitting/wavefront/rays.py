@@ -20,7 +20,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from lensfit.fitting.wavefront.dot_aperture import ray_origins_mm
 from lensfit.fitting.wavefront.dot_arrays import Dots
@@ -44,9 +44,11 @@ from lensfit.fitting.wavefront.shapes import (
 from lensfit.optics.depth import ObjectShift, cylinder_mm
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.pupil_nodes import (
+    ALL_RAYS,
     FEWEST_SPOKES,
     Opening,
     PupilNodes,
+    RayGroup,
     nodes_in,
     opening_on_spokes,
     pupil_nodes,
@@ -58,22 +60,6 @@ _TURNS_PER_MM = 12.9898, 78.233
 unrelated patterns."""
 SHARPNESS = 64.0
 """Of the pupil's corners: enough for pixels, and steadier than what a kernel uses."""
-
-
-class RayGroup(NamedTuple):
-    """One of several groups of rays that together fill the pupil: few rays at a time,
-    in a loop, make a sum over many.
-
-    Attributes
-    ----------
-    index, count : Which group it is, and of how many.
-    """
-
-    index: Int[Array, ""] | int
-    count: Int[Array, ""] | int
-
-
-ALL_RAYS = RayGroup(0, 1)
 
 
 class OpenPupil(NamedTuple):
@@ -205,7 +191,7 @@ def rays_of(
     layout: Layout,
     scale: Scale,
     count: int,
-    pupil: OpenPupil | None = None,
+    pupil: OpenPupil,
     group: RayGroup = ALL_RAYS,
 ) -> Rays:
     """Rays of the Gauss-Newton matrix, evenly lit, with all their derivatives.
@@ -213,13 +199,11 @@ def rays_of(
     Parameters
     ----------
     count : Of the rays of the group.
-    pupil : `open_pupil_of` the dot, where it is known.
+    pupil : `open_pupil_of` the dot, the same for all groups.
     """
-    if pupil is None:
-        pupil = open_pupil_of(parameters, dot, layout, scale)
 
     def filled(opening: Opening) -> PupilNodes:
-        nodes = nodes_in(opening, count, group.index, group.count)
+        nodes = nodes_in(opening, count, group)
         # Each ray stands for the area that is its own among all groups' rays.
         own = nodes.area / jnp.asarray(group.count, nodes.area.dtype)
         return eqx.tree_at(lambda n: n.area, nodes, own)

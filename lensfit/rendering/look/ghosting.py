@@ -11,10 +11,10 @@ Ghosts are those of the plate before the lens blurs it: a light throws the same 
 whether it is in focus or not. Light from beyond the plate is unknown, and makes none.
 
 The shape of the pupil, as lights far out of focus show it, is taken from the lens' own
-kernels for an object far from the focus distance, where
-the pupil determines nearly all of the shape: blades, and the rims that cut it to a
-cat's eye towards the corners. It is made at three by three points over the frame and
-interpolated between them. A lens without measured blur has a disc.
+kernels for an object far from the focus distance, where the pupil determines nearly all
+of the shape: blades, and the rims that cut it to a cat's eye towards the corners. It is
+made at three by three points over the frame and interpolated between them. A lens
+without measured blur has a disc.
 """
 
 from collections.abc import Iterator

@@ -22,10 +22,10 @@ whatever lens, blur and fall-off, since only neighbours are compared: what chang
 slowly over the frame is taken out of both as a polynomial. Holes of a chart differ in
 size, which changes S and C too; so only that part of both counts that goes with where
 on its pixel a dot lies (that phase is the instrument, in the words of statistics; the
-slope is by two-stage least squares). A power g of 0.45 is that of
-video and sRGB files read as linear, 2.2 that of linear files read as sRGB. Colours that
-were interpolated from a mosaic depart from 1 by up to 0.3; sharpening, whose dark
-halos are clipped at black, by more.
+slope is by two-stage least squares). A power g of 0.45 is that of video and sRGB files
+read as linear, 2.2 that of linear files read as sRGB. Colours that were interpolated
+from a mosaic depart from 1 by up to 0.3; sharpening, whose dark halos are clipped at
+black, by more.
 """
 
 import math

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from lensfit.fitting.wavefront.rays import open_pupil_of, rays_of
 from lensfit.fitting.wavefront.shapes import shape_jacobian
 
 
@@ -27,6 +28,12 @@ def by_parameters(rays, dot, layout, scale) -> Moves:
             :, layout.pupil_parameters
         ],
     )
+
+
+def rays_alone(parameters, dot, colour, layout, scale, count):
+    """All rays of a dot, in one group."""
+    pupil = open_pupil_of(parameters, dot, layout, scale)
+    return rays_of(parameters, dot, colour, layout, scale, count, pupil)
 
 
 def only_group(rays):

@@ -8,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, dots_at
-from ray_moves import by_parameters, only_group
+from ray_moves import by_parameters, only_group, rays_alone
 
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.patch import equations_of
-from lensfit.fitting.wavefront.rays import RayGroup, open_pupil_of, rays_of
+from lensfit.fitting.wavefront.rays import open_pupil_of, rays_of
 from lensfit.fitting.wavefront.shapes import shape_jacobian
+from lensfit.optics.pupil_nodes import RayGroup
 from lensfit.psf.spot import Spot, image_of, profile_of
 
 CELL = 0.008
@@ -33,7 +34,7 @@ def _dot():
 
 @partial(jax.jit, static_argnames=("points",))
 def _rays(parameters, points=POINTS):
-    return rays_of(parameters, _dot(), GREY, LAYOUT, SCALE, points)
+    return rays_alone(parameters, _dot(), GREY, LAYOUT, SCALE, points)
 
 
 class Found(NamedTuple):

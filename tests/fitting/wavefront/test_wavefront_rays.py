@@ -7,14 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, dots_at
-from ray_moves import by_parameters
+from ray_moves import by_parameters, rays_alone
 
 from lensfit.fitting.wavefront.light_centroid import centroid_slopes_mm, centroids_mm
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.rays import (
     Rays,
     _turn_rad,
-    rays_of,
     spot_and_pullback,
 )
 from lensfit.fitting.wavefront.shapes import Colour, colours_of
@@ -71,7 +70,7 @@ def _blue(parameters, dot) -> Colour:
 
 
 def _rays(parameters, dot) -> Rays:
-    return rays_of(parameters, dot, _blue(parameters, dot), TINY, SCALE, POINTS)
+    return rays_alone(parameters, dot, _blue(parameters, dot), TINY, SCALE, POINTS)
 
 
 @jax.jit

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
-from ray_moves import by_parameters
+from ray_moves import by_parameters, rays_alone
 
 from lensfit.fitting.wavefront.dot_arrays import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
+from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.start_values import defocus_size_mm
 from lensfit.fitting.wavefront.term_groups import (
     FINE,
@@ -53,7 +53,7 @@ def parameters() -> np.ndarray:
 
 @jax.jit
 def _rays(numbers, dot):
-    rays = rays_of(numbers, dot, GREY, TINY, SCALE, POINTS)
+    rays = rays_alone(numbers, dot, GREY, TINY, SCALE, POINTS)
     return by_parameters(rays, dot, TINY, SCALE)
 
 
@@ -117,7 +117,7 @@ def test_single_precision_stays_single():
     numbers, dot, colour, scale = single((parameters(), dot_of(PLACES[1]), GREY, SCALE))
     # The dtypes alone: nothing needs to be compiled for them.
     rays = jax.eval_shape(
-        lambda *given: rays_of(*given, TINY, scale, POINTS), numbers, dot, colour
+        lambda *given: rays_alone(*given, TINY, scale, POINTS), numbers, dot, colour
     )
     assert {leaf.dtype for leaf in jax.tree.leaves(rays)} == {jnp.dtype("float32")}
 

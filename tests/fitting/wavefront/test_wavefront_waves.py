@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import GREY, LAYOUT, SCALE, Seidel, cell_counts, dots_at
-from ray_moves import only_group
+from ray_moves import only_group, rays_alone
 
 from lensfit.fitting.wavefront.dot_arrays import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
-from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
+from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.waves import (
     WAVES,
     basis_of,
@@ -131,7 +131,7 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
         held = Spot(spot.landing_mm, weight, cell_mm2)
         patch = equations_of(
             held,
-            only_group(rays_of(numbers, *seen, 96)),
+            only_group(rays_alone(numbers, *seen, 96)),
             light,
             jnp.ones_like(light),
             -jnp.asarray(PLACE_MM),
@@ -224,7 +224,7 @@ def _patch(defocus_mm, dot, transfer, light, weight):
     seen = (_numbers(defocus_mm), dot, GREY, LAYOUT, SCALE)
     return equations_of(
         spot_and_pullback(*seen, RAYS)[0],
-        only_group(rays_of(*seen, 96)),
+        only_group(rays_alone(*seen, 96)),
         light,
         weight * jnp.ones_like(light),
         -jnp.asarray(PLACE_MM),

@@ -86,7 +86,7 @@ def test_a_column_too_many_or_too_few_is_counted_where_the_whole_chart_is_seen(c
     assert f"2 photographs show {columns} columns and 16 rows" in text
 
 
-def test_corners_stated_for_squares_are_told_by_the_squares():
+def test_corners_stated_for_squares_contradict_the_squares_seen():
     (text,) = counted(BOARD, *[chart_seen(9, 6, pitch) for pitch in (40.0, 60.0)])
     assert "squares = [9, 6] is stated" in text
     assert "show 10 columns and 7 rows" in text
