@@ -98,7 +98,7 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
     assert says in told_of_wrong_usage("bench", "coverage", "--out", out, *words)
 
 
-@pytest.mark.slow
+@pytest.mark.hard
 def test_draws_of_a_traced_lens(tmp_path):
     words = ["--draws", "2", "--lens", "cooke_triplet_50", "--size", "320x240"]
     words += ["--out", str(tmp_path), "--json"]
