@@ -56,7 +56,7 @@ from lensfit.fitting.wavefront.start_values import (
 )
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.optics.paraxial import rim_sine
-from lensfit.optics.pupil import Pupil, relative_illumination, width_along_field
+from lensfit.optics.pupil import relative_illumination, width_along_field
 from lensfit.programs import kept_program
 
 _TOGETHER = 0.5
@@ -171,9 +171,11 @@ def _samples_of(
     return height, light, one.fit.terms_at(radius_mm)
 
 
+@kept_program(static_argnames=("layout",))
 def _fall_off_residual(
-    pupil: Pupil, pupil_parameters: Array, statement: FallOffStatement, layout: Layout
+    pupil_parameters: Array, statement: FallOffStatement, layout: Layout
 ) -> Array:
+    pupil = pupil_of(pupil_parameters, layout, jnp.zeros(()))
     radius = fitted_stop_radius(
         pupil_parameters, layout, statement.stated_radius, statement.stop
     )
@@ -222,8 +224,7 @@ def _weighted_fall_off(
     layout: Layout,
 ) -> FallOffStatement:
     of_pupil = jnp.asarray(parameters)[layout.pupil_parameters]
-    pupil = pupil_of(of_pupil, layout, jnp.zeros(()))
-    off = np.asarray(_fall_off_residual(pupil, of_pupil, statement, layout))
+    off = np.asarray(_fall_off_residual(of_pupil, statement, layout))
     stated = max(int(np.count_nonzero(np.diag(statement.rows))), 1)
     weight = _cauchy_weight(np.sum(off**2) / stated)
     return statement._replace(rows=np.sqrt(weight) * statement.rows)
@@ -233,6 +234,7 @@ def _cauchy_weight(mean_square: float) -> float:
     return 1 / (1 + mean_square / _CAUCHY_SCALE**2)
 
 
+@kept_program(static_argnames=("layout",))
 def stated_equations(
     parameters: Float[Array, " parameters"], statements: Statements, layout: Layout
 ) -> Quadratic:
@@ -248,7 +250,7 @@ def stated_equations(
         radii = statements.stop_radii
         left = jax.vmap(width_along_field, (None, 0, None))(corner, radii, pupil)
         closed = jnp.minimum(left / radii - _LEAST_OPENING, 0.0) / _CUT
-        lit = _fall_off_residual(pupil, pupil_parameters, statements.fall_off, layout)
+        lit = _fall_off_residual(pupil_parameters, statements.fall_off, layout)
         return jnp.concatenate([cut, closed, lit])
 
     def equations(residual: Callable[[Array], Array], where: slice) -> Quadratic:
