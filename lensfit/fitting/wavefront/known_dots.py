@@ -169,7 +169,8 @@ def _object_shifts_and_jacobians(
     # Of this photograph alone: one program serves shoots of any number of them.
     shared = jnp.asarray(numbers[: layout.shared])
     local = jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index])
-    view = jax.tree.map(lambda a: np.asarray(a)[index], adjustment.stack.view)
+    of_all = jax.tree.map(np.asarray, adjustment.stack.view)
+    view = jax.tree.map(lambda a: jnp.asarray(a[index]), of_all)
     return in_batches(
         lambda some: _object_shift_and_jacobian(
             shared,

@@ -175,6 +175,8 @@ def _samples_of(
 def _fall_off_residual(
     pupil_parameters: Array, statement: FallOffStatement, layout: Layout
 ) -> Array:
+    """Light that the opening loses at every height, modelled minus photographed, in
+    standard deviations."""
     pupil = pupil_of(pupil_parameters, layout, jnp.zeros(()))
     radius = fitted_stop_radius(
         pupil_parameters, layout, statement.stated_radius, statement.stop
