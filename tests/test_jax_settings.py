@@ -26,8 +26,10 @@ def devices(*imports: str, **environment: str) -> list[str]:
 
 
 @pytest.mark.skipif(available_cores() < 2, reason="there is one core")
-def test_a_fit_has_a_device_for_every_core():
-    count, wide = devices("lensfit.workflow.calibrate")
+@pytest.mark.parametrize("job", ["calibrate", "demo", "kit.calibrate"])
+def test_a_fit_has_a_device_for_every_core(job):
+    """Whatever else is loaded before the fit: presets have been seen to start JAX."""
+    count, wide = devices("lensfit.preset.lens_of_entry", f"lensfit.workflow.{job}")
     assert 2 <= int(count) <= 8
     assert wide == "True"
 

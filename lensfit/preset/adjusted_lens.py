@@ -113,7 +113,7 @@ def _with_edge_distortion(
 
 
 _magnification = jax.jit(magnification)
-_SHARES = jnp.asarray(np.linspace(0, 1, 17))
+_SHARES = np.linspace(0, 1, 17)
 
 
 def adjusted_lateral_colour(
