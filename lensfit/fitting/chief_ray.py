@@ -28,11 +28,11 @@ from lensfit.fitting.adjust import (
 )
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import (
-    MANUFACTURING_TOLERANCE,
     TOLERANCE_REASON,
     DecentringTerms,
     adjust_with_decentring,
     decentring_is_supported,
+    tolerances_of,
 )
 from lensfit.fitting.geometric_start import Start, start_of
 from lensfit.fitting.held_out import (
@@ -102,13 +102,6 @@ class ChiefRayFit:
     notes: tuple[str, ...]
     seconds: dict[str, float]
     facts: Facts
-
-    @property
-    def determines_decentring(self) -> bool:
-        """Whether these views determine the decentring terms."""
-        return self.focal_length_free and MANUFACTURING_TOLERANCE.keys() <= set(
-            self.kept
-        )
 
     @property
     def statements(self) -> tuple[Statement, ...]:
@@ -293,13 +286,12 @@ def select_terms(
     )
     if supported or known_decentring is not None:
         adjustment = adjust_with_decentring(adjustment, known_decentring)
+        tolerated = tolerances_of(layout)
         decisions = [
-            v.with_override(TOLERANCE_REASON)
-            if v.term_group in MANUFACTURING_TOLERANCE
-            else v
+            v.with_override(TOLERANCE_REASON) if v.term_group in tolerated else v
             for v in decisions
         ]
-        names = list(dict.fromkeys([*names, *MANUFACTURING_TOLERANCE]))
+        names = list(dict.fromkeys([*names, *tolerated]))
     progress("fit", 4, 5)
     return adjustment, tuple(names), decisions
 

@@ -15,7 +15,10 @@ decisively against all of them, or if their joint effect is too small to be dete
 Elements keep their decentring at every focus distance. Frontal views distinguish
 asymmetric distortion from a tilt even less, so a state with frontal views alone takes
 over, as a narrow prior, the terms that tilted views at another focus distance
-determined.
+determined, or that they found none.
+
+Anamorphic lenses are out of centre by the same tolerances. Their squeeze and the terms
+with two planes of symmetry are theirs by design and stay with model selection.
 
 Reference: on marginal likelihoods, D. J. C. MacKay, Neural Computation 4 (1992) 415.
 """
@@ -28,7 +31,7 @@ from jaxtyping import Float, Int
 
 from lensfit.fitting.adjust import COLLINEAR_DAMPING, Adjustment, adjust
 from lensfit.fitting.held_out import explained_by, halves_of, stated_statistics
-from lensfit.fitting.parameters import loose_prior, release
+from lensfit.fitting.parameters import Layout, loose_prior, release
 from lensfit.fitting.select import TermDecision
 
 MANUFACTURING_TOLERANCE = {
@@ -41,6 +44,8 @@ MANUFACTURING_TOLERANCE = {
 """Standard deviations in reference radii. Of five candidate sets this one gave chief
 rays nearest to the trace for nine random lenses with manufacturing errors: within .018
 px in the median and .078 at most, against .017 and .199 by model selection alone."""
+_BY_DESIGN = ("anamorphic", "squeeze")
+"""Blocks that no tolerance limits behind cylinders."""
 _AT_OTHER_FOCUS = 0.2
 """Share of a term by which it may change with focus distance."""
 _DECISIVE = -20.0
@@ -52,28 +57,33 @@ terms increase the standard deviations of principal distance and entrance pupil.
 TOLERANCE_REASON = "a manufacturing-tolerance prior separates it from the lens' axis"
 
 DecentringTerms = Mapping[str, Float[np.ndarray, " terms"]]
-"""Values of the decentring terms, by block of `MANUFACTURING_TOLERANCE`."""
+"""Values of the decentring terms, by block of `tolerances_of`."""
+
+
+def tolerances_of(layout: Layout) -> Mapping[str, float]:
+    """`MANUFACTURING_TOLERANCE` of the blocks that are decentring in this lens."""
+    return {
+        name: width
+        for name, width in MANUFACTURING_TOLERANCE.items()
+        if not (layout.anamorphic and name in _BY_DESIGN)
+    }
 
 
 def decentring_of(adjustment: Adjustment) -> DecentringTerms:
     """The decentring terms of a fit."""
-    blocks = adjustment.layout.blocks
+    layout = adjustment.layout
     return {
-        name: adjustment.parameters[blocks[name]].copy()
-        for name in MANUFACTURING_TOLERANCE
+        name: adjustment.parameters[layout.blocks[name]].copy()
+        for name in tolerances_of(layout)
     }
 
 
 def decentring_is_supported(
     adjustment: Adjustment, decisions: list[TermDecision]
 ) -> bool:
-    """Whether model selection kept a decentring term, or all together are plausible.
-
-    False for anamorphic lenses, which are asymmetric by design.
-    """
-    if adjustment.layout.anamorphic:
-        return False
-    if any(v.kept for v in decisions if v.term_group in MANUFACTURING_TOLERANCE):
+    """Whether model selection kept a decentring term, or all together are plausible."""
+    tolerances = tolerances_of(adjustment.layout)
+    if any(v.kept for v in decisions if v.term_group in tolerances):
         return True
     free = np.flatnonzero(adjustment.prior.free)
     rows = [np.arange(w.start, w.stop) for w in adjustment.layout.blocks.values()]
@@ -107,7 +117,8 @@ def decentring_is_plausible(
     """
     prior, blocks = adjustment.prior, adjustment.layout.blocks
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
-    for name, width in MANUFACTURING_TOLERANCE.items():
+    tolerances = tolerances_of(adjustment.layout)
+    for name, width in tolerances.items():
         deviation[blocks[name]] = width
     # In units of the prior widths, so that the determinant of the priors is 1.
     inside = matrix * np.outer(deviation, deviation)
@@ -120,10 +131,7 @@ def decentring_is_plausible(
         return float(fall), float(np.linalg.slogdet(block)[1])
 
     free = np.flatnonzero(prior.free)
-    terms = [
-        np.arange(blocks[name].start, blocks[name].stop)
-        for name in MANUFACTURING_TOLERANCE
-    ]
+    terms = [np.arange(blocks[name].start, blocks[name].stop) for name in tolerances]
     fall, occam = np.subtract(
         explained(np.union1d(free, np.concatenate(terms))), explained(free)
     )
@@ -145,15 +153,16 @@ def adjust_with_decentring(
     if known is not None:
         return _adjusted_about(adjustment, known, _widths(known, _AT_OTHER_FOCUS))
     nothing = {name: np.zeros_like(v) for name, v in decentring_of(adjustment).items()}
-    first = _adjusted_about(adjustment, nothing, MANUFACTURING_TOLERANCE)
+    first = _adjusted_about(adjustment, nothing, tolerances_of(adjustment.layout))
     return _adjusted_about(first, nothing, _widths(decentring_of(first)))
 
 
 def _widths(terms: DecentringTerms, share: float = 1.0) -> Mapping[str, float]:
     """Prior widths: the tolerance, or the rms of the terms if that is larger."""
     return {
-        name: share * max(deviation, float(np.sqrt(np.mean(terms[name] ** 2))))
-        for name, deviation in MANUFACTURING_TOLERANCE.items()
+        name: share
+        * max(MANUFACTURING_TOLERANCE[name], float(np.sqrt(np.mean(values**2))))
+        for name, values in terms.items()
     }
 
 

@@ -128,7 +128,7 @@ class _SharedParameters(NamedTuple):
 
 
 def _shared_parameters_of(states: list[LensState]) -> _SharedParameters:
-    candidates = [s for s in states if s.geometry.determines_decentring]
+    candidates = [s for s in states if s.geometry.focal_length_free]
     sources = sorted(candidates, key=_axis_deviation)[:1]
     decentring = [decentring_of(state.geometry.adjustment) for state in sources]
     return _SharedParameters(_state_of_best_known_pupil(states), *decentring)

@@ -35,7 +35,7 @@ from jaxtyping import Float, Int
 
 from lensfit.fitting.adjust import Adjustment, equations_at
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
+from lensfit.fitting.decentring import tolerances_of
 from lensfit.fitting.geometry import NAMED, compiled_distortion_of
 from lensfit.fitting.held_out import explained_by, halves_of, stated_statistics
 from lensfit.fitting.parameters import Layout, loose_prior, release
@@ -52,7 +52,6 @@ _GREEN = 1
 _LEAST_MOVE = 1e-3
 """Share of the largest move; smaller ones are negligible against the noise."""
 _NAMED_TERMS = ("principal_point", "radial", *NAMED)
-_DECENTRING = tuple(n for n in MANUFACTURING_TOLERANCE if n != "principal_point")
 _LANDING = (
     "focal_length",
     "principal_point",
@@ -149,13 +148,12 @@ def _with_possible_decentring(adjustment: Adjustment) -> Adjustment:
     seem to be known as well as the residuals.
     """
     prior, blocks = adjustment.prior, adjustment.layout.blocks
-    out = [n for n in _DECENTRING if not prior.free[blocks[n]].any()]
-    if adjustment.layout.anamorphic or len(out) < len(_DECENTRING):
+    tolerances = tolerances_of(adjustment.layout)
+    free = {name for name in tolerances if prior.free[blocks[name]].any()}
+    if free != {"principal_point"}:
         return adjustment
-    if not prior.free[blocks["principal_point"]].any():
-        return adjustment
-    for name in out:
-        prior = release(prior, blocks[name], MANUFACTURING_TOLERANCE[name])
+    for name in tolerances.keys() - free:
+        prior = release(prior, blocks[name], tolerances[name])
     return replace(adjustment, prior=prior)
 
 

@@ -15,7 +15,7 @@ from data_synth.sensor import camera_bands
 from data_synth.spots import band_chiefs_mm
 from data_synth.wavefront_cases import random_subject
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
+from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE, tolerances_of
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import fit
 from lensfit.optics.many_points import distort
@@ -23,6 +23,7 @@ from lensfit.optics.many_points import distort
 NOISE_PX = 0.02
 LENSES = 3, 4, 8, 9, 10
 """Compact wide angle, triplet, retrofocus (two), Petzval."""
+ANAMORPHIC = 18, 44
 POSES = (0.0017, -0.0026, 0.007), (-0.0009, 0.0017, 0.0), (0.122, -0.157, 0.07)
 """Rotation vectors: two boards as square as by hand, and one that is tilted."""
 LATTICE = np.stack(np.meshgrid(np.arange(-7, 8.0), np.arange(-5, 6.0)), -1).reshape(
@@ -38,6 +39,7 @@ class Traced:
         subject = random_subject(number, 0, (400, 300))
         self.number, self.frame = number, subject.camera.frame
         self.focal_mm = subject.prescription.states[0].focal_length_mm
+        self.squeeze = subject.prescription.squeeze
         self.chart_mm = 40 * self.focal_mm
         self.at = partial(
             set_lens, subject.prescription, f_number=subject.prescription.f_number
@@ -53,7 +55,7 @@ class Traced:
 
     def _take(self, focus_mm: float, view: int, pose) -> View:
         frame = self.frame
-        pitch_mm = frame.size_mm[0] / 15.5 * self.scale
+        pitch_mm = self.squeeze * frame.size_mm[0] / 15.5 * self.scale
         flat = np.column_stack([LATTICE * pitch_mm, np.zeros(len(LATTICE))])
         board = Rotation.from_rotvec(pose).apply(flat)
         board += np.array([0.1 * pitch_mm * view, 0, self.chart_mm])
@@ -75,6 +77,7 @@ class Traced:
             mark_diameter_mm=None,
             focal_length_mm=self.focal_mm,
             sensor_size_mm=frame.size_mm,
+            squeeze=self.squeeze,
             focus_distance_mm=focus_mm,
             target_distance_mm=self.chart_mm if view < 2 else None,
         )
@@ -85,6 +88,7 @@ class Traced:
             np.linspace(-0.47, 0.47, count) * size * self.scale
             for count, size in zip((11, 9), self.frame.size_mm, strict=True)
         ]
+        axes[0] *= self.squeeze
         flat = np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
         points = np.column_stack([flat, np.full(len(flat), self.chart_mm)])
         assert state.focus_distance_mm is not None
@@ -125,19 +129,33 @@ def test_frontal_views_take_over_the_decentring_of_tilted_ones(fitted):
     off = [lens.off_px(frontal) for lens, _, frontal in fitted]
     assert max(off) < 0.024
     assert np.mean(off) < 0.014
-    pairs = [(t, f) for _, t, f in fitted if t.geometry.determines_decentring]
-    assert len(pairs) >= 3
-    for tilted, frontal in pairs:
-        for name, deviation in MANUFACTURING_TOLERANCE.items():
-            there, here = (
-                s.geometry.adjustment.parameters[
-                    s.geometry.adjustment.layout.blocks[name]
-                ]
-                for s in (tilted, frontal)
-            )
-            # The prior width is a fifth of the value, or of the tolerance.
-            width = 0.2 * max(deviation, float(np.sqrt(np.mean(there**2))))
-            assert np.abs(here - there).max() < min(deviation, 3 * width)
+    for _, tilted, frontal in fitted:
+        assert_same_decentring(tilted, frontal)
+
+
+def assert_same_decentring(tilted: LensState, frontal: LensState) -> None:
+    layout = tilted.geometry.adjustment.layout
+    for name, deviation in tolerances_of(layout).items():
+        there, here = (
+            s.geometry.adjustment.parameters[layout.blocks[name]]
+            for s in (tilted, frontal)
+        )
+        # The prior width is a fifth of the value, or of the tolerance.
+        width = 0.2 * max(deviation, float(np.sqrt(np.mean(there**2))))
+        assert np.abs(here - there).max() < min(deviation, 3 * width)
+
+
+@pytest.mark.parametrize("number", ANAMORPHIC)
+def test_an_anamorphic_lens_keeps_its_decentring_too(number):
+    """The second has too little of it to be seen. Left to model selection, frontal
+    views alone took a turn of the board for it, and were .19 and .12 px off."""
+    lens = Traced(number)
+    tilted = lens.takes(lens.chart_mm, POSES)
+    frontal = lens.takes(0.7 * lens.chart_mm, POSES[:2])
+    states = fit(tilted + frontal).states
+    assert all(state.geometry.adjustment.layout.anamorphic for state in states)
+    assert max(map(lens.off_px, states)) < 0.05
+    assert_same_decentring(*states)
 
 
 def test_the_report_says_why_they_are_free(fitted):
@@ -155,7 +173,6 @@ def test_a_lens_that_is_centred_has_none_of_it():
     for seed in (1, 2, 3):
         centred = Camera(k=(-0.12, 0.06))
         geometry = fit(shoot(centred, 0.05, seed)).states[0].geometry
-        assert not geometry.determines_decentring
         assert not any(
             v.kept
             for v in geometry.decisions

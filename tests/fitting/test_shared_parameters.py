@@ -3,6 +3,7 @@
 from dataclasses import make_dataclass
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from lensfit.errors import FitError
@@ -14,6 +15,7 @@ from lensfit.progress import silent
 
 TILTED_MM, FRONTAL_MM = 2000.0, 900.0
 PUPIL_MM = 40.0
+NO_DECENTRING = {"decentering": np.zeros(4)}
 
 
 State = make_dataclass(
@@ -25,6 +27,7 @@ State = make_dataclass(
         "focus_distance_mm",
         "distortion",
         "pupil_shift",
+        "uncertainty",
     ],
     eq=False,
 )
@@ -46,7 +49,7 @@ def state_of(group, known):
     deviation_mm = 1.0 if tilted or known else 30.0
     pupil = EntrancePupil(offset_mm, tilted, deviation_mm)
     geometry = SimpleNamespace(
-        takes=tuple(group), focal_length_free=tilted, determines_decentring=False
+        takes=tuple(group), focal_length_free=tilted, adjustment=None
     )
     return State(
         geometry=geometry,
@@ -55,6 +58,7 @@ def state_of(group, known):
         focus_distance_mm=group[0].focus_distance_mm,
         distortion=SimpleNamespace(base=None),
         pupil_shift=None,
+        uncertainty=SimpleNamespace(deviation=lambda _: (0.01, 0.01)),
     )
 
 
@@ -62,10 +66,11 @@ def state_of(group, known):
 def asked(monkeypatch):
     """States are made up; what they were fitted with is kept. Where `fails` is set, a
     state that is told the pupil cannot be fitted."""
-    told = SimpleNamespace(pupils=[], fails=False)
+    told = SimpleNamespace(pupils=[], decentring=[], fails=False)
 
-    def fit_state(group, progress, *, perspective, **more):
+    def fit_state(group, progress, *, perspective, known_decentring, **more):
         told.pupils.append((group[0].focus_distance_mm, perspective))
+        told.decentring.append(known_decentring)
         if "bad" in {one.name for one in group}:
             raise FitError("contradicts the others", where="bad", remedy="look at it")
         if told.fails and perspective is not None:
@@ -73,6 +78,7 @@ def asked(monkeypatch):
         return state_of(group, perspective and perspective.pupil)
 
     monkeypatch.setattr(shared_parameters, "fit_state", fit_state)
+    monkeypatch.setattr(shared_parameters, "decentring_of", lambda _: NO_DECENTRING)
     return told
 
 
@@ -87,6 +93,12 @@ def test_a_state_that_sees_no_pupil_is_fitted_with_that_of_another(asked):
     assert [s.pupil.offset_mm for s in states] == [known.offset_mm, PUPIL_MM]
     assert [s.geometry.takes[0].name for s in states] == ["frontal", "tilt"]
     assert list(failed) == ["bad"]
+
+
+def test_frontal_views_are_told_that_tilted_ones_found_no_decentring(asked):
+    fit_states_with_shared_parameters(TAKES, silent)
+    assert asked.decentring[0] is None
+    assert asked.decentring[-1] is NO_DECENTRING
 
 
 def test_a_state_that_fits_only_by_itself_stays_as_it_was(asked):
