@@ -22,7 +22,7 @@ from lensfit.fitting.wavefront.detected_point import (
     detected_point_offsets_mm,
     line_light_shares,
 )
-from lensfit.fitting.wavefront.dot_arrays import are_lines
+from lensfit.fitting.wavefront.dot_arrays import Kind, are_lines, rows_of_kinds
 from lensfit.fitting.wavefront.dot_data import (
     DotData,
     rows_spread_over_takes,
@@ -34,7 +34,7 @@ from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.stages import Stage, with_iris
 from lensfit.programs import kept_program
 
-_BATCH, _BROAD_BATCH, _SLOPES_BATCH = 512, 32, 32
+_BATCH, _SLOPES_BATCH, _BROAD_BATCH = 512, 32, 32
 """Dots that go through a program at a time."""
 _SAMPLED, _SAMPLED_FOR_ALL = 12, 40
 """Dots of a take at which moves of detected points by errors of the wavefront are
@@ -47,7 +47,7 @@ def centroid_biases_mm(
     """Detected point of every dot and channel from where its chief ray lands."""
     if dot_data.dots.broad is None:
         return _evaluate_on_dots(centroids_mm, stage, dot_data, _BATCH)
-    return _evaluate_on_dots(detected_point_offsets_mm, stage, dot_data, _BROAD_BATCH)
+    return _evaluate_by_kind(detected_point_offsets_mm, stage, dot_data)
 
 
 def smooth_centroid_biases_mm(
@@ -89,9 +89,9 @@ def centroid_bias_slopes_mm(
     stage: Stage, dot_data: DotData
 ) -> Float[np.ndarray, "dots 3 2 parameters"]:
     """d `centroid_biases_mm` / d parameter; it costs ten times as much."""
-    broad = dot_data.dots.broad is not None
-    slopes = detected_point_offset_slopes_mm if broad else centroid_slopes_mm
-    return _evaluate_on_dots(slopes, stage, dot_data, _SLOPES_BATCH)
+    if dot_data.dots.broad is None:
+        return _evaluate_on_dots(centroid_slopes_mm, stage, dot_data, _SLOPES_BATCH)
+    return _evaluate_by_kind(detected_point_offset_slopes_mm, stage, dot_data)
 
 
 def sampled_dots(dot_data: DotData) -> DotData:
@@ -137,11 +137,35 @@ def _interpolated_to_all(
     return found
 
 
-def _evaluate_on_dots(
-    function: Callable[..., Array], stage: Stage, dot_data: DotData, batch: int
+def _evaluate_by_kind(
+    function: Callable[..., Array], stage: Stage, dot_data: DotData
 ) -> Float[np.ndarray, "dots 3 2 *shape"]:
-    """Values of a function of one dot, such as `detected_point_offsets_mm`, for all
-    dots at the parameters of the fit."""
+    """Values of a function of one broad target and its kind."""
+    broad = dot_data.dots.broad
+    assert broad is not None
+    rows_of = rows_of_kinds(broad)
+    of_kinds = [
+        _evaluate_on_dots(function, stage, select_dots(dot_data, rows), _BROAD_BATCH, k)
+        for k, rows in rows_of.items()
+    ]
+    order = np.argsort(np.concatenate(list(rows_of.values())))
+    return np.concatenate(of_kinds)[order]
+
+
+def _evaluate_on_dots(
+    function: Callable[..., Array],
+    stage: Stage,
+    dot_data: DotData,
+    batch: int,
+    kind: Kind | None = None,
+) -> Float[np.ndarray, "dots 3 2 *shape"]:
+    """Values of a function of one dot, such as `centroids_mm`, for all dots at the
+    parameters of the fit.
+
+    Parameters
+    ----------
+    kind : Of all of them, where the function asks for it.
+    """
     dots, transfer = with_iris(dot_data, stage.blades), dot_data.transfer
     is_broad = transfer is not None
     numbers = stage.parameters, dot_data.wavelengths_nm, dot_data.scale
@@ -152,15 +176,16 @@ def _evaluate_on_dots(
         seen = parameters, part, wavelengths_nm, scale
         if is_broad:  # in single precision, as the fit draws them
             seen = jax.tree.map(as_float32, seen)
-        return _map_over_dots(function, stage.layout, *seen)
+        return _map_over_dots(function, kind, stage.layout, *seen)
 
     rows = (dots, transfer) if is_broad else (dots,)
     return in_batches(found, rows, batch).astype(float)
 
 
-@kept_program(static_argnames=("function", "layout"))
+@kept_program(static_argnames=("function", "kind", "layout"))
 def _map_over_dots(
     function: Callable[..., Array],
+    kind: Kind | None,
     layout: Layout,
     parameters: Array,
     dots: tuple[Any, ...],
@@ -170,6 +195,7 @@ def _map_over_dots(
     """Of dots, or of dots and their transfers."""
 
     def one(part: tuple[Any, ...]) -> Array:
-        return function(parameters, *part, wavelengths_nm, layout, scale)
+        seen = parameters, *part, wavelengths_nm, layout, scale
+        return function(*seen) if kind is None else function(*seen, kind)
 
     return jax.lax.map(one, dots)

@@ -7,8 +7,9 @@ The depth of a dark dot is also clipped to a band about half-level, which keeps 
 alone, so that the detected point is the middle of the rim rather than of the light.
 Coma moves the two by different amounts, and only the first is photographed.
 
-Images here are of light, whether the dot is brighter or darker than what surrounds it.
-Places are cells from the middle of the patch, right and down.
+Each kind of target has a program of its own, so that a shoot compiles what its charts
+show. Images here are of light, whether the dot is brighter or darker than what
+surrounds it. Places are cells from the middle of the patch, right and down.
 """
 
 from collections.abc import Callable
@@ -26,7 +27,7 @@ from lensfit.fitting.wavefront.detected_edges import (
     detected_corner,
     detected_line,
 )
-from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots
+from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots, Kind
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
@@ -64,23 +65,20 @@ def detected_point_offsets_mm(
     wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
+    kind: Kind,
 ) -> Float[Array, "3 2"]:
     """From where each channel's chief ray lands to its detected point.
 
     Parameters
     ----------
-    dot, transfer : Of one broad dot.
+    dot, transfer : Of one broad dot of this kind.
     """
 
     def offset_mm(traced: _Traced) -> Array:
-        return jax.lax.cond(
-            _is_line(dot),
-            lambda spot: _line_of(spot, dot, traced.window_mm).offset_mm,
-            lambda spot: _point_on_image_mm(
-                _image_and_pullback(spot, dot, transfer)[0], dot
-            ),
-            traced.spot,
-        )
+        if kind == "line":
+            return _line_of(traced.spot, dot, traced.window_mm).offset_mm
+        image, _ = _image_and_pullback(traced.spot, dot, transfer)
+        return _point_on_image_mm(image, dot, kind)
 
     return _map_over_channels(offset_mm, parameters, dot, wavelengths_nm, layout, scale)
 
@@ -92,15 +90,14 @@ def detected_point_offset_slopes_mm(
     wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
+    kind: Kind,
 ) -> Float[Array, "3 2 parameters"]:
     """d `detected_point_offsets_mm` / d parameter."""
 
     def slopes_mm(traced: _Traced) -> Array:
-        return jax.lax.cond(
-            _is_line(dot),
-            lambda: _line_slopes_mm(traced, dot),
-            lambda: _drawn_slopes_mm(traced, dot, transfer),
-        )
+        if kind == "line":
+            return _line_slopes_mm(traced, dot)
+        return _drawn_slopes_mm(traced, dot, transfer, kind)
 
     return _map_over_channels(slopes_mm, parameters, dot, wavelengths_nm, layout, scale)
 
@@ -173,10 +170,6 @@ def _broad_of(dot: Dots) -> Broad:
     return dot.broad
 
 
-def _is_line(dot: Dots) -> Array:
-    return jnp.any(_broad_of(dot).line_width != 0)
-
-
 def _line_of(spot: Spot, dot: Dots, window_mm: Array) -> DetectedLine:
     broad = _broad_of(dot)
     lines = dot.variance_mm2, broad.square_mm, broad.line_width, window_mm
@@ -195,10 +188,10 @@ def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
 
 
 def _drawn_slopes_mm(
-    traced: _Traced, dot: Dots, transfer: Transfer
+    traced: _Traced, dot: Dots, transfer: Transfer, kind: Kind
 ) -> Float[Array, "2 parameters"]:
     image, to_spot = _image_and_pullback(traced.spot, dot, transfer)
-    found, to_image = jax.vjp(lambda image: _point_on_image_mm(image, dot), image)
+    found, to_image = jax.vjp(lambda image: _point_on_image_mm(image, dot, kind), image)
 
     def along(axis: Array) -> Array:
         return traced.pullback(to_spot(*to_image(axis)))
@@ -207,21 +200,16 @@ def _drawn_slopes_mm(
 
 
 def _point_on_image_mm(
-    image: Float[Array, "cells cells"], dot: Dots
+    image: Float[Array, "cells cells"], dot: Dots, kind: Kind
 ) -> Float[Array, "2"]:
-    """The detected point of a dot or a corner, from the middle."""
+    """The detected point of a disc or a corner, from the middle."""
     broad, cell_mm = _broad_of(dot), dot.cell_mm
-
-    def corner(image: Array) -> Array:
-        places = _places(image.shape[0], image.dtype)
-        side_cells = broad.square_mm / cell_mm[:, None]
-        window = broad.window_cells, broad.window_squares
-        return detected_corner(image, places, side_cells, *window)
-
-    def disc(image: Array) -> Array:
-        return detected_dot_centre(image, broad.aperture)
-
-    return jax.lax.cond(broad.window_cells > 0, corner, disc, image) * cell_mm
+    if kind == "disc":
+        return detected_dot_centre(image, broad.aperture) * cell_mm
+    places = _places(image.shape[0], image.dtype)
+    side_cells = broad.square_mm / cell_mm[:, None]
+    window = broad.window_cells, broad.window_squares
+    return detected_corner(image, places, side_cells, *window) * cell_mm
 
 
 def _image_and_pullback(

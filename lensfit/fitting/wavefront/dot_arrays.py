@@ -11,7 +11,7 @@ the photographed distances; distances are millimetres from the sensor, as on the
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -51,6 +51,8 @@ class FocusRange(NamedTuple):
         return min(max(away_per_mm / self.span_per_mm, -1.0), 1.0)
 
 
+Kind = Literal["disc", "corner", "line"]
+"""What a broad target is drawn as."""
 NEIGHBOURS = 8
 """Of a dot in a grid."""
 Numbers = Any
@@ -186,6 +188,14 @@ def are_corners(broad: Broad) -> Bool[np.ndarray, " dots"]:
 def are_lines(broad: Broad) -> Bool[np.ndarray, " dots"]:
     """Which targets are line samples."""
     return np.any(np.asarray(broad.line_width) != 0, -1)
+
+
+def rows_of_kinds(broad: Broad) -> dict[Kind, Int[np.ndarray, " some"]]:
+    """Which targets are of each kind; without kinds that there are none of."""
+    lines, corners = are_lines(broad), are_corners(broad) & ~are_lines(broad)
+    of_kinds = ~(lines | corners), corners, lines
+    found = dict(zip(get_args(Kind), map(np.flatnonzero, of_kinds), strict=True))
+    return {kind: rows for kind, rows in found.items() if len(rows)}
 
 
 def are_rims(broad: Broad) -> Bool[np.ndarray, " dots"]:

@@ -34,13 +34,13 @@ SIDES = np.array(
     ]
 )
 """Of the grid, in columns: across lines of constant i, and along them."""
+_OF_A_LINE = [
+    partial(function, kind="line")
+    for function in (detected_point_offsets_mm, detected_point_offset_slopes_mm)
+]
 _offsets_mm, _offset_slopes_mm, _light_shares = (
     jax.jit(function, static_argnames="layout")
-    for function in (
-        detected_point_offsets_mm,
-        detected_point_offset_slopes_mm,
-        line_light_shares,
-    )
+    for function in (*_OF_A_LINE, line_light_shares)
 )
 
 
@@ -119,6 +119,6 @@ def test_single_precision_stays_single():
     arrays = jax.tree.map(single, (jnp.asarray(COMATIC.parameters()), *arrays))
     scale = jax.tree.map(single, scale)
     # The dtypes alone: nothing needs to be compiled for them.
-    for function in (detected_point_offsets_mm, detected_point_offset_slopes_mm):
+    for function in _OF_A_LINE:
         made = jax.eval_shape(partial(function, layout=layout, scale=scale), *arrays)
         assert made.dtype == jnp.float32

@@ -1,5 +1,6 @@
 """Marks of broad dots behind coma, as detection finds those counted ray by ray."""
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -71,7 +72,7 @@ def photographed(bright: bool, rays: int = 1_500_000) -> np.ndarray:
 
 
 _offsets_mm, _offset_slopes_mm = (
-    jax.jit(function, static_argnames="layout")
+    jax.jit(partial(function, kind="disc"), static_argnames="layout")
     for function in (detected_point_offsets_mm, detected_point_offset_slopes_mm)
 )
 
