@@ -26,7 +26,7 @@ def devices(*imports: str, **environment: str) -> list[str]:
 
 
 @pytest.mark.skipif(available_cores() < 2, reason="there is one core")
-@pytest.mark.parametrize("job", ["calibrate", "demo", "kit.calibrate"])
+@pytest.mark.parametrize("job", ["calibrate", "demo"])
 def test_a_fit_has_a_device_for_every_core(job):
     """Whatever else is loaded before the fit: presets have been seen to start JAX."""
     count, wide = devices("lensfit.preset.lens_of_entry", f"lensfit.workflow.{job}")

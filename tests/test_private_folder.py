@@ -96,6 +96,7 @@ needs_root = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "opened",
     [

@@ -65,6 +65,7 @@ def test_a_preset_keeps_its_promised_method():
     assert all(p.default is None for n, p in parameters.items() if n != "self")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first",
     ["", "import lensfit.rendering.filters; ", "from lensfit.fitting import adjust; "],

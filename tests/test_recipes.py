@@ -150,6 +150,7 @@ def test_on_set_another_lens(
     assert len(states) == len(stated)
 
 
+@pytest.mark.slow
 def test_in_the_pipeline(calibrated: Path):
     for line in recipe("In the pipeline: keep and hand on"):
         run(line, calibrated)

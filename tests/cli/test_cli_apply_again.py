@@ -109,6 +109,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", CHANGES)
 def test_what_was_made_otherwise_is_rendered_again(job, what):
     apply(job)

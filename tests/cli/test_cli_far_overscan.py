@@ -40,6 +40,7 @@ def colours(part: ExrPart) -> np.ndarray:
     return np.stack([part.channels[n] for n in "RGB"], -1)
 
 
+@pytest.mark.slow
 def test_overscan_of_any_size_shows_the_same_frame(tmp_path):
     cut = rendered(tmp_path, FRAME.grown(24, 24))
     for percent in (90, 100, 300):

@@ -64,6 +64,7 @@ def test_the_tracer_itself_scores_nothing(of_the_tracer):
     assert figures["flags"] == []
 
 
+@pytest.mark.slow
 def test_geometry_alone_is_judged_like_the_whole(folder, of_the_tracer):
     setting = (2.8, CHART_MM, CHART_MM)
     alone = geometry_truth(traced, FRAME, BANDS, setting, 28.0)

@@ -93,6 +93,7 @@ class Unsure(TracedLens):
         return SimpleNamespace(psf=exact + noise, deviation=self.honesty * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("honesty", "expected"), [(1.0, 68.3), (0.5, 38.3), (9, 100)])
 def test_shares_are_those_of_a_normal_error(truth, honesty, expected):
     def make(f_number, focus_mm):

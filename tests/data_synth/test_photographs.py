@@ -111,6 +111,7 @@ def test_fall_off_without_vignetting_is_cosine_to_the_fourth(lens):
     np.testing.assert_allclose(light / light[0], cosine**4, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_both_ways_of_making_a_photograph_agree(lens):
     """Brute-force rays against warps: same dots, same flux, same centroids.
 
@@ -264,6 +265,7 @@ def test_the_bundled_demo_is_what_its_command_makes(tmp_path):
         assert (tmp_path / name).read_bytes() == (FOLDER / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_a_chart_that_is_white_all_over_is_one_of_lines_that_touch(lens):
     pose = Pose(DISTANCE_MM, tilt_deg=8.0, pan_deg=-5.0)
     lines = Chart("line-grid", pitch_mm=100.0, mark_mm=100.0)
@@ -272,6 +274,7 @@ def test_a_chart_that_is_white_all_over_is_one_of_lines_that_touch(lens):
     np.testing.assert_allclose(touching, white, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_dark_dots_take_the_light_that_bright_ones_send():
     bright = Chart("dot-grid", pitch_mm=220.0, mark_mm=48.0)
     dark = dataclasses.replace(bright, dark=True)

@@ -16,6 +16,8 @@ from lensfit.exchange.ray_series import fit_ray_series
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.preset.store import save_preset
 
+pytestmark = pytest.mark.slow
+
 FRAME = ExchangeFrame(SIZE_PX, SENSOR_MM[0])
 
 

@@ -45,6 +45,7 @@ def rays(preset):
     return np.column_stack([slope, np.ones(len(slope))]), FRAME.px(points) - 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", list(FILES))
 @pytest.mark.parametrize("make", [make_preset, make_lopsided])
 def test_every_pixel_is_as_far_off_as_was_said_both_ways(tmp_path, to, make):

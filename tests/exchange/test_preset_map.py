@@ -27,6 +27,7 @@ def barrel(stretch: float) -> Samples:
     return replace(samples, slope=slope)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stretch", [0.0, 2.3e-16, 4.5e-16, 1e-12])
 def test_a_squeeze_of_mere_rounding_does_not_end_the_fit(stretch: float):
     """The first trust radius must not be as small as the start."""

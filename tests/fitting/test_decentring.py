@@ -23,7 +23,7 @@ from lensfit.optics.many_points import distort
 NOISE_PX = 0.02
 LENSES = 3, 4, 8, 9, 10
 """Compact wide angle, triplet, retrofocus (two), Petzval."""
-ANAMORPHIC = 18, 44
+ANAMORPHIC = pytest.param(18, marks=pytest.mark.slow), 44
 POSES = (0.0017, -0.0026, 0.007), (-0.0009, 0.0017, 0.0), (0.122, -0.157, 0.07)
 """Rotation vectors: two boards as square as by hand, and one that is tilted."""
 LATTICE = np.stack(np.meshgrid(np.arange(-7, 8.0), np.arange(-5, 6.0)), -1).reshape(

@@ -26,6 +26,8 @@ from lensfit.preset.store import load_preset, save_preset
 from lensfit.workflow.calibration.entries import entry_of
 from lensfit.workflow.calibration.entry_facts import entry_facts
 
+pytestmark = pytest.mark.slow
+
 NOISE_PX = 0.02
 CAMERA = Camera(k=(-0.12, 0.06), p=(2e-4, -1e-4), warp_mm=0.001)
 FINE = np.stack(np.meshgrid(np.arange(-14, 15.0), np.arange(-10, 11.0)), -1) / 2

@@ -12,6 +12,8 @@ from lensfit.fitting.lens_state import mean_held_out_rms_px
 from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
 from lensfit.progress import silent
 
+pytestmark = pytest.mark.slow
+
 NOISE_PX, BIAS_PX = 0.02, 0.6
 REACH_MM = 15.0
 F_NUMBERS = (4.0, 8.0, 4.0)

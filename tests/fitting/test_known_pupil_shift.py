@@ -122,6 +122,7 @@ def test_what_photographs_show_outweighs_the_usual():
     assert "pupil_shift" not in entry_of(state).projection.assumed
 
 
+@pytest.mark.slow
 def test_an_assumed_shift_needs_an_f_number_a_distance_and_one_pupil():
     [take] = photographed(FRONTAL[:1], 900.0)
     known = replace(take, f_number=2.0, target_distance_mm=900.0)

@@ -13,6 +13,8 @@ from lensfit.fitting.levenberg import short_residual, with_prior
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.view_stack import Detections
 
+pytestmark = pytest.mark.slow
+
 LAYOUT = Layout(radial=2, free_degree=3, bend_degree=2, stretch_degree=2, apertures=1)
 VIEWS, CHUNKS, DETECTIONS = 3, 5, 6
 OF_VIEW = [0, 1, 2, 2, 0]

@@ -9,6 +9,8 @@ from lensfit.detect.observations import only
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.chief_ray import fit_chief_ray
 
+pytestmark = pytest.mark.slow
+
 SQUEEZE, GAP_MM, FOCAL_MM = 1.8, 55.0, 30.0
 
 

@@ -99,6 +99,7 @@ def test_a_measured_state_has_its_own_blur():
     assert preset.select(50.0, 1.4, 2000.0).entry.blur == make_blur()
 
 
+@pytest.mark.slow
 def test_between_two_states_the_image_of_a_point_moves_smoothly():
     """Twenty even steps in dioptres: each moves it about as far as the next."""
     preset = make_preset(entry_at(1000.0, NEAR), entry_at(2000.0, make_blur()))

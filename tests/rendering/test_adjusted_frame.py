@@ -40,6 +40,7 @@ def a_light(power=1.0):
     return picture
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [0.5, 400.0])
 def test_a_filter_shows_upright_behind_and_turned_in_front(three_quarters, power):
     """The same for a dim point, which is convolved, and for a light of its own."""

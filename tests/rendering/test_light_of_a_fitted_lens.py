@@ -41,6 +41,7 @@ def middle_of(light, beside):
     return np.array([light.sum(0) @ at, light.sum(1) @ at]) / light.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.0, 20.0])
 @pytest.mark.parametrize("power", [2.0, 300.0])
 def test_a_point_is_where_its_kernel_says_in_every_colour(power, gain):

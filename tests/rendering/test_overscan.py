@@ -75,17 +75,24 @@ def less(window: Window, side: int) -> Window:
     return Window(*(v + step * (i == side) for i, v in enumerate(window)))
 
 
-@pytest.mark.parametrize("method", get_args(Filter))
-@pytest.mark.parametrize(
-    "lens",
-    [
-        RadialLens(k=0.031),
-        RadialLens(k=0.079),
-        RadialLens(k=0.052, lateral=0.0113),
-        RadialLens(k=-0.04, lateral=0.03),
-    ],
-    ids=["weak", "strong", "coloured", "pincushion"],
-)
+LENSES = {
+    "weak": RadialLens(k=0.031),
+    "strong": RadialLens(k=0.079),
+    "coloured": RadialLens(k=0.052, lateral=0.0113),
+    "pincushion": RadialLens(k=-0.04, lateral=0.03),
+}
+
+
+def lenses_and_filters():
+    """Every filter with every lens; the longest takes seconds each."""
+    for name, lens in LENSES.items():
+        for method in get_args(Filter):
+            is_slow = method == "sinc-16" and name != "pincushion"
+            marks = [pytest.mark.slow] if is_slow else []
+            yield pytest.param(lens, method, marks=marks, id=f"{name}-{method}")
+
+
+@pytest.mark.parametrize(("lens", "method"), list(lenses_and_filters()))
 def test_the_frame_reads_these_pixels_and_no_other(lens, method):
     window = of_margins(margins_read(lens, DISPLAY, method=method))
     assert changed_from_beyond(window, lens, method) < ROUNDING

@@ -47,6 +47,7 @@ def test_one_row_and_a_dot(measured):
     refused(measured, Shoot(row).takes(), "view ")
 
 
+@pytest.mark.slow
 def test_two_rows_of_dots(measured):
     """Two rows of dots (three views): fitted to the noise of .05 px, times root 2."""
     rows = LATTICE[np.abs(LATTICE[:, 1] - 0.5) < 1]

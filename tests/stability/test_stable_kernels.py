@@ -171,6 +171,7 @@ def test_kernels_have_the_symmetry_of_their_lens(place, vergence, f_number, meas
     measured("across, relative L2", relative(across[:, ::-1], patch), 0.03)
 
 
+@pytest.mark.slow
 def test_a_rack_focus_has_no_jump(measured):
     """Kernel through focus in 240 steps (which change how many rays make it): no step
     is larger than its neighbours by more than the tolerance of .01."""

@@ -72,6 +72,7 @@ def test_no_worker_renders_nothing(sequence, tmp_path):
         apply(make_preset(), sequence, tmp_path / "out", workers=0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
     for number in range(8):

@@ -49,6 +49,7 @@ def test_a_lens_that_failed_passes_nothing():
     assert [r.passed for r in wavefront_rows({"lens": "a", "figures": None})] == [False]
 
 
+@pytest.mark.slow
 def test_methods_of_the_warp_agree_with_the_exact_picture():
     task = warp_task(160, 90, seed=1)
     inside = np.s_[16:-16, 16:-16]

@@ -12,6 +12,7 @@ from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 THIN = thin_lens_preset(ThinCamera(50.0, 2.0, 2.0, 36.0, 96, 54))
 
 
+@pytest.mark.slow
 def test_frames_of_a_pull_are_rendered_each_with_its_own_focus(tmp_path):
     """And the memory of the one that measures does not count: a system may state what
     the starting process held as what the started one did."""

@@ -18,6 +18,8 @@ from data_synth.sensor import Frame
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import read_deep
 
+pytestmark = pytest.mark.slow
+
 WORDS = ("--lens", "petzval_50", "--f-number", "4", "--focus-distance-mm", "1500")
 
 

@@ -102,6 +102,7 @@ def test_a_photograph_counts_as_its_own_scatter_says():
             np.testing.assert_allclose(loss(at, control), loss(at), atol=0.004)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.001, 0.05])
 @pytest.mark.parametrize("corner", [1.001, 4 / 3])
 def test_a_corner_beyond_the_marks_is_as_far_off_as_is_stated(noise, corner):

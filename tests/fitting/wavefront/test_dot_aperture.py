@@ -90,6 +90,7 @@ def _counted(lens, hole_mm, place_mm, rays=2_000_000):
     return counts / rays
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hole_mm", [0.008 * np.eye(2), OVAL], ids=["round", "oval"])
 @pytest.mark.parametrize(
     ("defocus_mm", "allowed"),

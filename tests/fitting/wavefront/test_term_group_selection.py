@@ -57,6 +57,7 @@ def decentred():
     return fitted(replace(LENS, constant_coma_um=5.0))
 
 
+@pytest.mark.slow
 def test_decentring_that_is_there_is_kept(decentred):
     choice = select_term_groups(*decentred)
     assert "decentred_elements" in {

@@ -26,6 +26,7 @@ def iris_of(lens: Seidel, shots: list[Shot]):
     return fit_blades(recentre_patches(first_stage(dot_data, LAYOUT, start)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rotation_rad", [0.2, 0.75])
 def test_seven_straight_blades_are_counted_and_turned(rotation_rad):
     """Seen point-mirrored on the two sides of focus."""

@@ -59,6 +59,7 @@ def rms_px(biases_mm):
     return np.sqrt(np.mean(np.sum(biases_mm**2, -1))) / PIXEL_MM
 
 
+@pytest.mark.slow
 def test_the_shape_is_refitted_at_fixed_biases(true_fit):
     """Symmetric blur was changed: it is restored as far as fixed biases allow."""
     spoiled = moved(true_fit, SYMMETRIC_UM)

@@ -76,6 +76,7 @@ def as_detected(picture: np.ndarray, slope: float) -> Centres:
     return measure_centres(picture, here, WINDOW, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", [0, 1])
 def test_detection_finds_the_middle_there(family):
     along, across = SIDES[:, 1 - family], SIDES[:, family]
@@ -95,6 +96,7 @@ def test_detection_finds_the_middle_there(family):
     assert share < 0.998
 
 
+@pytest.mark.slow
 def test_slopes_agree_with_differences():
     seen, parameters = seen_of(), jnp.asarray(COMATIC.parameters())
     found = _offset_slopes_mm(parameters, *seen)[1]

@@ -100,6 +100,7 @@ def test_a_rim_moves_less_than_all_the_light():
     assert np.hypot(*dark) < 0.97 * np.hypot(*bright)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bright", [True, False])
 def test_slopes_agree_with_differences(bright):
     seen = seen_of(bright)

@@ -215,6 +215,7 @@ def places():
     return jnp.asarray(np.stack(np.meshgrid(along, along), -1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sides", list(SIDES.values())[:2], ids=list(SIDES)[:2])
 def test_the_modelled_corner_is_where_detection_finds_it(sides):
     """On a picture whose edges are blurred to one side, which moves corners."""
@@ -232,6 +233,7 @@ def test_the_modelled_corner_is_where_detection_finds_it(sides):
     np.testing.assert_allclose(modelled, off, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_modelled_corner_goes_with_its_image():
     sides, window = np.array(SIDES["almost square on"]), jnp.asarray(7.0)
     patch = jnp.asarray(chart(sides, 1.2))

@@ -113,6 +113,7 @@ def test_the_gradient_is_that_of_chi_squared(scene):
     assert seen.sum() > LAYOUT.size - 1 - 8
 
 
+@pytest.mark.slow
 def test_the_gradient_is_the_image_s_whatever_the_matrix_is_made_of(scene):
     """Else the fit ends beside the minimum and takes that for convergence."""
     rays, light, weight, corner = scene
@@ -123,6 +124,7 @@ def test_the_gradient_is_the_image_s_whatever_the_matrix_is_made_of(scene):
     assert not np.allclose(found.matrix, whole.matrix, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_groups_of_few_rays_make_the_matrix_of_many(scene):
     """Light of one wavelength: the groups share out the rays of one spiral."""
     near = jnp.asarray(NEAR.parameters())

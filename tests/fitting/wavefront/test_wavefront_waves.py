@@ -157,6 +157,7 @@ def smoothed_image(waves, cells, defocus_mm, disc_mm, neighbour_offsets_mm):
     return np.asarray(_image(defocus_mm, dot, transfer, variance_mm2, waves))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius_cells", [1.0, 4.0])
 @pytest.mark.parametrize("defocus_mm", [0.0, 0.3])
 @pytest.mark.parametrize("cells", [0.8, 1.5, 3.0])
@@ -190,6 +191,7 @@ def test_what_is_traced_back_is_the_transpose_of_what_is_seen(waves):
     np.testing.assert_allclose(forth, back, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("larger", [0.02, -0.03])
 def test_a_larger_disc_is_no_blur(larger):
     """In the size, and in nothing that a defocus would show; the rest of the second

@@ -70,6 +70,7 @@ def breathing_shoot(folder: Path, focus_mm: dict[str, float]) -> Path:
 STATED = {"in": 1000.0, "near": 800.0, "far": 1300.0, "far2": 1200.0}
 
 
+@pytest.mark.slow
 def test_what_is_found_is_what_calibrate_uses(monkeypatch):
     shoot = load_shoot(DEMO / "shoot.toml")
     used = observe_shoot(shoot, None, silent)

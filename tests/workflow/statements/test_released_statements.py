@@ -129,6 +129,7 @@ def test_two_views_at_another_zoom_setting_are_no_wrong_tape(seeds):
         assert first.images == ("view_1.png", "view_2.png")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.1, 1 / 25.4])
 def test_a_tape_in_another_unit_is_named_for_all_views(factor):
     for seed in range(2):
@@ -140,6 +141,7 @@ def test_a_tape_in_another_unit_is_named_for_all_views(factor):
         assert first.agrees_with == pytest.approx(truth.distance_mm, rel=0.15)
 
 
+@pytest.mark.slow
 def test_exchanged_pitches_are_named_as_such():
     for seed in range(2):
         _, takes = shoot_of(seed)
@@ -170,6 +172,7 @@ def test_a_wrong_focal_length_is_named_with_the_right_one(factor, seeds):
     assert named >= len(seeds) - len(seeds) // 6
 
 
+@pytest.mark.slow
 @seeds(SEEDS)
 def test_a_target_that_was_moved_is_named_with_its_place(seeds):
     """To a seventh: it is the only view of its focus distance, which breathes."""
