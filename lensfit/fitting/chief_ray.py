@@ -211,7 +211,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
         prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
     adjustment = start.adjustment(layout, prior)
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)
-    blocks = ["aperture_shift"]
+    blocks = ["aperture_shift"] if start.largest.apertures else []
     if start.focal_length_free:
         blocks += PINHOLE
     for name in blocks:

@@ -279,8 +279,11 @@ def _apertures(views: list[View]) -> list[float]:
 
     Empty if the detections are chief rays, which do not depend on the aperture.
     """
-    if any(t.chief_rays for t in views):
-        return []
+    return [] if any(t.chief_rays for t in views) else _f_numbers(views)
+
+
+def _f_numbers(views: list[View]) -> list[float]:
+    """Smallest aperture first, as many as may have shifts of their own."""
     return sorted({t.f_number for t in views if t.f_number}, reverse=True)[:4]
 
 
@@ -326,13 +329,16 @@ def _board_degrees(
 
 
 def _with_room(layout: Layout, states: list[list[View]]) -> Layout:
-    """A layout with room for the lens model of every state."""
+    """A layout with room for the lens model of every state, and for centroid shifts
+    even where detections are chief rays by now: the program of the fit to centroids
+    serves that to chief rays too."""
     all_of_them = [layout, *map(_lens_layout, states)]
+    f_numbers = max(len(_f_numbers(views)) for views in states)
     return replace(
         layout,
         radial=max(one.radial for one in all_of_them),
         free_degree=max(one.free_degree for one in all_of_them),
-        apertures=max(one.apertures for one in all_of_them),
+        apertures=max(f_numbers - 1, 0),
     )
 
 

@@ -154,3 +154,17 @@ def test_states_of_one_lens_share_a_layout_and_keep_their_own_largest_model():
     assert starts[0].layout == starts[1].layout == starts[1].largest
     assert starts[0].largest.free_degree < starts[0].layout.free_degree
     assert starts[0].largest.apertures == 0 < starts[0].layout.apertures
+
+
+def test_chief_rays_have_the_layout_of_centroids_and_no_shifts_of_their_own():
+    """One program fits both; only the largest model knows that nothing shifts."""
+    centroids = [
+        replace(view, f_number=f_number)
+        for view, f_number in zip(shoot(CENTRED), (2.0, 4.0, 8.0), strict=True)
+    ]
+    chief_rays = [replace(view, chief_rays=True) for view in centroids]
+    before, after = (start_of(views, views) for views in (centroids, chief_rays))
+    assert after.layout == before.layout
+    assert (before.largest.apertures, after.largest.apertures) == (2, 0)
+    assert before.stack.view.aperture.tolist() == [2, 1, 0]
+    assert after.stack.view.aperture.tolist() == [0, 0, 0]
