@@ -28,6 +28,7 @@ from lensfit.fitting.adjust import (
 )
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import (
+    TAKEN_OVER_REASON,
     TOLERANCE_REASON,
     DecentringTerms,
     adjust_with_decentring,
@@ -287,9 +288,9 @@ def select_terms(
     if supported or known_decentring is not None:
         adjustment = adjust_with_decentring(adjustment, known_decentring)
         tolerated = tolerances_of(layout)
+        why = TOLERANCE_REASON if supported else TAKEN_OVER_REASON
         decisions = [
-            v.with_override(TOLERANCE_REASON) if v.term_group in tolerated else v
-            for v in decisions
+            v.with_override(why) if v.term_group in tolerated else v for v in decisions
         ]
         names = list(dict.fromkeys([*names, *tolerated]))
     progress("fit", 4, 5)

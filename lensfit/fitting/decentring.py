@@ -55,6 +55,7 @@ LEAST_SEEN_PX = 0.004
 errors make .001 to .007, with a Bayes factor decisively against the largest. Free
 terms increase the standard deviations of principal distance and entrance pupil."""
 TOLERANCE_REASON = "a manufacturing-tolerance prior separates it from the lens' axis"
+TAKEN_OVER_REASON = "tilted views at another focus distance say how much there is of it"
 
 DecentringTerms = Mapping[str, Float[np.ndarray, " terms"]]
 """Values of the decentring terms, by block of `tolerances_of`."""
@@ -116,8 +117,8 @@ def decentring_is_plausible(
     least_fall : Decrease of chi-squared by an effect of `LEAST_SEEN_PX`.
     """
     prior, blocks = adjustment.prior, adjustment.layout.blocks
-    deviation = np.where(prior.free, prior.standard_deviation, 1.0)
     tolerances = tolerances_of(adjustment.layout)
+    deviation = np.where(prior.free, prior.standard_deviation, 1.0)
     for name, width in tolerances.items():
         deviation[blocks[name]] = width
     # In units of the prior widths, so that the determinant of the priors is 1.

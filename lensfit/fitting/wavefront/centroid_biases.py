@@ -22,7 +22,7 @@ from lensfit.fitting.wavefront.detected_point import (
     detected_point_offsets_mm,
     line_light_shares,
 )
-from lensfit.fitting.wavefront.dot_arrays import Kind, are_lines, rows_of_kinds
+from lensfit.fitting.wavefront.dot_arrays import BroadKind, are_lines, rows_of_kinds
 from lensfit.fitting.wavefront.dot_data import (
     DotData,
     rows_spread_over_takes,
@@ -34,7 +34,7 @@ from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.stages import Stage, with_iris
 from lensfit.programs import kept_program
 
-_BATCH, _SLOPES_BATCH, _BROAD_BATCH = 512, 32, 32
+_BATCH, _BROAD_BATCH, _SLOPES_BATCH = 512, 32, 32
 """Dots that go through a program at a time."""
 _SAMPLED, _SAMPLED_FOR_ALL = 12, 40
 """Dots of a take at which moves of detected points by errors of the wavefront are
@@ -157,7 +157,7 @@ def _evaluate_on_dots(
     stage: Stage,
     dot_data: DotData,
     batch: int,
-    kind: Kind | None = None,
+    kind: BroadKind | None = None,
 ) -> Float[np.ndarray, "dots 3 2 *shape"]:
     """Values of a function of one dot, such as `centroids_mm`, for all dots at the
     parameters of the fit.
@@ -185,7 +185,7 @@ def _evaluate_on_dots(
 @kept_program(static_argnames=("function", "kind", "layout"))
 def _map_over_dots(
     function: Callable[..., Array],
-    kind: Kind | None,
+    kind: BroadKind | None,
     layout: Layout,
     parameters: Array,
     dots: tuple[Any, ...],

@@ -27,7 +27,12 @@ from lensfit.fitting.wavefront.detected_edges import (
     detected_corner,
     detected_line,
 )
-from lensfit.fitting.wavefront.dot_arrays import Broad, DetectionAperture, Dots, Kind
+from lensfit.fitting.wavefront.dot_arrays import (
+    Broad,
+    BroadKind,
+    DetectionAperture,
+    Dots,
+)
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
@@ -65,7 +70,7 @@ def detected_point_offsets_mm(
     wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
-    kind: Kind,
+    kind: BroadKind,
 ) -> Float[Array, "3 2"]:
     """From where each channel's chief ray lands to its detected point.
 
@@ -90,7 +95,7 @@ def detected_point_offset_slopes_mm(
     wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
-    kind: Kind,
+    kind: BroadKind,
 ) -> Float[Array, "3 2 parameters"]:
     """d `detected_point_offsets_mm` / d parameter."""
 
@@ -188,7 +193,7 @@ def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
 
 
 def _drawn_slopes_mm(
-    traced: _Traced, dot: Dots, transfer: Transfer, kind: Kind
+    traced: _Traced, dot: Dots, transfer: Transfer, kind: BroadKind
 ) -> Float[Array, "2 parameters"]:
     image, to_spot = _image_and_pullback(traced.spot, dot, transfer)
     found, to_image = jax.vjp(lambda image: _point_on_image_mm(image, dot, kind), image)
@@ -200,7 +205,7 @@ def _drawn_slopes_mm(
 
 
 def _point_on_image_mm(
-    image: Float[Array, "cells cells"], dot: Dots, kind: Kind
+    image: Float[Array, "cells cells"], dot: Dots, kind: BroadKind
 ) -> Float[Array, "2"]:
     """The detected point of a disc or a corner, from the middle."""
     broad, cell_mm = _broad_of(dot), dot.cell_mm

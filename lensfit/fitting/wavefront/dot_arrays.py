@@ -11,7 +11,7 @@ the photographed distances; distances are millimetres from the sensor, as on the
 """
 
 from collections.abc import Iterable
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -51,7 +51,7 @@ class FocusRange(NamedTuple):
         return min(max(away_per_mm / self.span_per_mm, -1.0), 1.0)
 
 
-Kind = Literal["disc", "corner", "line"]
+BroadKind = Literal["disc", "corner", "line"]
 """What a broad target is drawn as."""
 NEIGHBOURS = 8
 """Of a dot in a grid."""
@@ -190,12 +190,15 @@ def are_lines(broad: Broad) -> Bool[np.ndarray, " dots"]:
     return np.any(np.asarray(broad.line_width) != 0, -1)
 
 
-def rows_of_kinds(broad: Broad) -> dict[Kind, Int[np.ndarray, " some"]]:
+def rows_of_kinds(broad: Broad) -> dict[BroadKind, Int[np.ndarray, " some"]]:
     """Which targets are of each kind; without kinds that there are none of."""
-    lines, corners = are_lines(broad), are_corners(broad) & ~are_lines(broad)
-    of_kinds = ~(lines | corners), corners, lines
-    found = dict(zip(get_args(Kind), map(np.flatnonzero, of_kinds), strict=True))
-    return {kind: rows for kind, rows in found.items() if len(rows)}
+    corners, lines = are_corners(broad), are_lines(broad)
+    found: dict[BroadKind, np.ndarray] = {
+        "disc": ~(corners | lines),
+        "corner": corners,
+        "line": lines,
+    }
+    return {kind: np.flatnonzero(mine) for kind, mine in found.items() if mine.any()}
 
 
 def are_rims(broad: Broad) -> Bool[np.ndarray, " dots"]:
