@@ -223,6 +223,7 @@ def test_an_aperture_that_is_no_f_number_is_named(job, f_number, told):
     assert not [note for note in said["notes"] if "looks like" in note]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("depth", "unit", "told"),
     [

@@ -52,6 +52,7 @@ def test_overscan_of_any_size_shows_the_same_frame(tmp_path):
         assert np.abs(error).max() < TOLERANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left", [300, 450, 2000])
 def test_an_element_that_has_left_the_frame_is_empty(tmp_path, left):
     made = rendered(tmp_path, Window(left, 100, left + 30, 130))

@@ -86,6 +86,7 @@ def write(path: Path, size: tuple[int, int], aspect: float, **extra) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("squeeze", "size", "aspect"),
     [(1.0, (192, 256), 2.0), (2.0, (768, 256), 1.0), (2.0, (384, 256), 2.0)],
@@ -152,6 +153,7 @@ def through_the_lens(folder: Path, scene: np.ndarray, shape: int) -> np.ndarray:
     return read_exr(folder / "out" / plate.name).parts[0].channels["G"]
 
 
+@pytest.mark.slow
 def test_depth_of_field_is_the_same_whatever_the_pixels(tmp_path):
     save_preset(make_preset(), tmp_path / "preset.json")
     rng = np.random.default_rng(4)

@@ -52,6 +52,7 @@ def of_the_tracer(folder):
     return judge(exact, folder, every=EVERY)
 
 
+@pytest.mark.slow
 def test_the_tracer_itself_scores_nothing(of_the_tracer):
     figures = of_the_tracer
     assert max(figures["chief_ray_px"].values()) < 1e-9
@@ -89,6 +90,7 @@ def test_a_thin_lens_scores_badly(folder):
     assert figures["defocus_sign"] == "undecided"
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_of_defocus_is_found(folder, of_the_tracer):
     def flipped(f_number, focus_mm):
         return FlippedLens(exact(f_number, focus_mm), focus_mm)

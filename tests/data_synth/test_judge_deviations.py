@@ -106,6 +106,7 @@ def test_shares_are_those_of_a_normal_error(truth, honesty, expected):
         assert share == pytest.approx(expected, abs=few), name
 
 
+@pytest.mark.slow
 def test_what_a_lens_does_not_say_is_left_out(truth, tmp_path):
     def silent(f_number, focus_mm):
         return TracedLens(traced(f_number, focus_mm), BANDS, CHART_MM)

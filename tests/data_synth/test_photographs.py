@@ -134,6 +134,7 @@ def test_both_ways_of_making_a_photograph_agree(lens):
         assert np.abs(at_warps - at_rays).max() < 0.03
 
 
+@pytest.mark.slow
 def test_an_open_chart_has_the_traced_illumination_at_every_pixel(lens):
     """A line grid whose lines fill the chart is an evenly bright field."""
     open_chart = Chart("line-grid", pitch_mm=100.0, mark_mm=100.0)
@@ -212,6 +213,7 @@ def test_srgb_codes_span_the_byte():
     assert srgb_codes(np.array([[[0.0, 0.2140411, 1.0]]])).tolist() == [[[0, 127, 255]]]
 
 
+@pytest.mark.slow
 def test_a_shoot_is_written_as_lensfit_reads_it_and_is_reproducible(tmp_path):
     camera = Camera(Frame((96, 72), (28.0, 21.0)), Sensor(bayer=True))
     chart = Chart("dot-grid", 400.0, 60.0)

@@ -121,6 +121,7 @@ def written(tmp_path_factory):
     return folder, shots
 
 
+@pytest.mark.slow
 def test_a_written_shoot_is_read_by_lensfit(written):
     folder, shots = written
     shoot = load_shoot(folder / "shoot.toml")

@@ -57,6 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("exchange")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", FITTED)
 @pytest.mark.parametrize(
     "preset", [make_preset(), make_lopsided()], ids=["round", "lopsided"]
@@ -105,6 +106,7 @@ def test_colour_and_fall_off_come_back_where_the_format_has_them(folder: Path):
         assert np.abs(light[0] - light[1]).max() < 0.01
 
 
+@pytest.mark.slow
 def test_uv_maps_come_back_as_the_lens_they_were_made_of(folder: Path):
     preset = make_preset(
         make_entry(projection=make_entry().projection.__class__(51.0, (0.0, 0.0), 60.0))

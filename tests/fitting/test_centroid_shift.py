@@ -66,6 +66,7 @@ def test_marks_without_size_do_not_shift():
     np.testing.assert_array_equal(_shift(0.5, 0.0, (0.3, 0.1)), 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tilt_rad", "radial"), [(0.0, (-0.5, 0.2)), (0.5, (0.4, 0))])
 def test_agrees_with_the_image_area_summed_up(tilt_rad, radial):
     """The disc in 200 000 pieces, each weighed by the area of its image."""

@@ -102,6 +102,7 @@ def test_decentering_is_found_by_its_name():
     np.testing.assert_allclose(fit.held_out_rms_px, NOISE_PX * np.sqrt(2), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_what_a_frontal_view_sees_of_decentering_is_not_taken_for_a_prism():
     camera = Camera(
         30.0, (0.0, 0.0), k=(-0.05, 0.0), p=(1.5e-3, -1e-3), rotations=FRONTAL[1:2]

@@ -23,7 +23,7 @@ from lensfit.optics.many_points import distort
 NOISE_PX = 0.02
 LENSES = 3, 4, 8, 9, 10
 """Compact wide angle, triplet, retrofocus (two), Petzval."""
-ANAMORPHIC = pytest.param(18, marks=pytest.mark.slow), 44
+ANAMORPHIC = (18, 44)
 POSES = (0.0017, -0.0026, 0.007), (-0.0009, 0.0017, 0.0), (0.122, -0.157, 0.07)
 """Rotation vectors: two boards as square as by hand, and one that is tilted."""
 LATTICE = np.stack(np.meshgrid(np.arange(-7, 8.0), np.arange(-5, 6.0)), -1).reshape(
@@ -150,6 +150,7 @@ def assert_same_decentring(tilted: LensState, frontal: LensState) -> None:
         assert np.abs(here - there).max() < min(deviation, 3 * width)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", ANAMORPHIC)
 def test_an_anamorphic_lens_keeps_its_decentring_too(number):
     """The second has too little of it to be seen. Left to model selection, frontal

@@ -45,6 +45,7 @@ def test_every_dot_lies_where_it_should_in_svg(dots):
     np.testing.assert_allclose(found[:, 2], 2.9 / 2, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_foil_is_cut_along_the_same_dots_and_stays_in_one_piece(dots):
     layout, drawing = dots
     holes = foil_drawing(layout)

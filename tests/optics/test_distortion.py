@@ -101,6 +101,7 @@ def test_wild_coefficients_never_fold_and_still_invert(size):
         np.testing.assert_allclose(back, wide, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_implicit_derivative_in_points_and_parameters():
     lens = strong_lens(2, squeeze=2.0, degree=3)
     data = replace(lens, valid_radius=None, box=None, reference_radius_mm=None)

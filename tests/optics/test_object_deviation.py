@@ -82,6 +82,7 @@ def test_it_grows_with_the_difference_of_vergences(strong):
     np.testing.assert_allclose(ratios, ratios[0], rtol=0.15)
 
 
+@pytest.mark.slow
 def test_it_is_how_far_objects_land_from_there(strong):
     """Against the lens moved by one deviation, an affine map undone."""
     moves = pupil_error(strong, 0.5)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+import pytest
 from known_entries import NAMES, POINTS, covariance_of, known_entry, lens_of
 from preset_makers import make_entry
 
@@ -79,6 +80,7 @@ def pose_changes(lens: Lens, points: np.ndarray) -> np.ndarray:
     return np.stack(columns, -1)
 
 
+@pytest.mark.slow
 def test_positions_scatter_as_stated_but_for_the_pose():
     entry = known_entry()
     lens = lens_of(entry)

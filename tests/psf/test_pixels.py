@@ -141,6 +141,7 @@ def _summary_along(values, way):
     return jax.jvp(_summary, (values,), (way,))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [[0.0, 0.0], [6.0, 8.0]], ids=["axis", "field"])
 @pytest.mark.parametrize("dz", [0.0, 0.08])
 def test_derivatives_of_a_dot_agree_with_differences(place, dz):

@@ -58,16 +58,14 @@ def test_a_filter_shows_upright_behind_and_turned_in_front(three_quarters, power
         assert found[full].sum() > 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "knobs",
     [
         {"blades": 6},
         {"squeeze": 1.8},
         {"ring_brightness": 2.0},
-        pytest.param(
-            {"cat_eye_percent": 30.0, "optical_vignetting_gain": 0.0},
-            marks=pytest.mark.slow,
-        ),
+        {"cat_eye_percent": 30.0, "optical_vignetting_gain": 0.0},
     ],
     ids=str,
 )
@@ -155,6 +153,7 @@ def test_depth_is_cut_into_as_many_levels_as_are_wanted(count):
     assert (-np.diff(edges)).max() > 0.4 * (11.3 + 6.2) / count
 
 
+@pytest.mark.slow
 def test_more_levels_come_closer_to_the_finest():
     depth = depth_of(np.linspace(-9, 9, WIDTH) * np.ones((HEIGHT, 1))).astype(
         np.float32

@@ -76,6 +76,7 @@ def frame_of(lens_of, blurs=True, **knobs):
     return render(picture, depth, lens_of(**knobs), switches=switches)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lens_of", "knob", "values"),
     [

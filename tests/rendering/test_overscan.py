@@ -84,14 +84,13 @@ LENSES = {
 
 
 def lenses_and_filters():
-    """Every filter with every lens; the longest takes seconds each."""
+    """Every filter with every lens."""
     for name, lens in LENSES.items():
         for method in get_args(Filter):
-            is_slow = method == "sinc-16" and name != "pincushion"
-            marks = [pytest.mark.slow] if is_slow else []
-            yield pytest.param(lens, method, marks=marks, id=f"{name}-{method}")
+            yield pytest.param(lens, method, id=f"{name}-{method}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lens", "method"), list(lenses_and_filters()))
 def test_the_frame_reads_these_pixels_and_no_other(lens, method):
     window = of_margins(margins_read(lens, DISPLAY, method=method))

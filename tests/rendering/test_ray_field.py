@@ -60,6 +60,7 @@ def test_every_pixel_gets_all_of_its_light():
     assert rays.weight.min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frame", "depth", "nodes"),
     [

@@ -65,6 +65,7 @@ def test_a_wire_draws_its_line_where_similar_triangles_put_it(near_px: float):
     assert lost.sum() == pytest.approx(share * rows[COLUMN - 4], rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_light_is_the_point_spread_function_of_a_fitted_lens():
     width, height, half = 240, 180, 20
     lens = lensfit.load_preset(PRIME).at(

@@ -140,6 +140,7 @@ def test_positions_that_do_not_exist_read_as_nothing():
         assert np.isfinite(result).all()
 
 
+@pytest.mark.slow
 def test_a_highlight_makes_no_negative_light_and_no_rings():
     window = Window.of_size(24, 24)
     pixels = np.full((24, 24, 3), 0.1, np.float32)
@@ -241,6 +242,7 @@ def rough(window, channels, brightest):
     return pixels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "border", "brightest"),
     [
@@ -278,6 +280,7 @@ def test_few_and_odd_channels_are_read_alike():
         assert np.abs(part - together[..., :count]).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_no_number_spreads_no_farther_than_the_filter_reaches():
     window = Window.of_size(160, 120)
     for value in (np.nan, np.inf):

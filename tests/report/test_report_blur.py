@@ -87,6 +87,7 @@ def test_a_disc_of_blur_halves_when_the_aperture_does(tmp_path):
     assert narrow.width_px / 8 < narrow.bar_px < narrow.width_px
 
 
+@pytest.mark.slow
 def test_padding_for_one_program_changes_no_kernel(tmp_path):
     """Entries of three and of no radial coefficients, drawn together and alone."""
     bent, plain_lens = entry_of(1500.0, (-0.05, 0.01, -0.01)), entry_of(4000.0, ())

@@ -71,6 +71,7 @@ def test_a_shoot_without_noise(measured):
     measured("held out, px", fit.held_out_rms_px, 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [4, 8, 12])
 def test_normal_equations_without_digits(size: int, measured):
     """Near-singular normal equations (Hilbert matrices, condition 1e4 to 1e16): a

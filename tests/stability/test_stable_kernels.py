@@ -202,6 +202,7 @@ def smooth_kernel(flat, restored, wavelengths_nm, size_px: int, rays: int):
     return image_of(spot, profile)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("defocus", [0.0, 0.05])
 def test_kernels_are_continuous_in_every_parameter(defocus: float, measured):
     """Kernel as a function of every number of the lens (aberrations, colours, rims,

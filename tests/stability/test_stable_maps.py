@@ -193,6 +193,7 @@ X, Y = np.meshgrid(np.linspace(-13.8, 13.8, 9), np.linspace(-10.4, 10.4, 7))
 FRAME = jnp.asarray(np.stack([X.ravel(), Y.ravel()], -1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", BASE_PROJECTIONS)
 def test_maps_are_inverse_pairs(base, measured):
     """Inverse pair of any lens (f 4.5 to 660 mm, scale changed up to 9 times, squeezed,

@@ -146,6 +146,7 @@ shares = st.floats(0, 1)
 seeds = st.integers(0, 2**31)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blurred", [False, True], ids=["warp", "defocus"])
 def test_rendering_is_linear(blurred, measured):
     """Linearity in radiance (two plates without structure, any share of each, 1e-8 to 1

@@ -133,15 +133,9 @@ def test_a_worker_that_dies_costs_the_frame_it_was_at(tmp_path, killed, most_los
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-@pytest.mark.parametrize(
-    "how",
-    [
-        "SIGKILL",
-        pytest.param("SIGTERM", marks=pytest.mark.slow),
-        pytest.param("SIGINT", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("how", ["SIGKILL", "SIGTERM", "SIGINT"])
 def test_a_run_with_workers_that_is_killed_has_nothing_to_clean_up(tmp_path, how):
     for number in range(40):
         write_plate(tmp_path / f"plate.{number:04d}.exr")

@@ -240,6 +240,7 @@ def far_from(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exit_pupil", [True, False])
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("stop", [0, 1])

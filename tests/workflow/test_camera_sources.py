@@ -215,6 +215,7 @@ def test_a_header_that_contradicts_itself_is_told(tmp_path, header, said):
     assert camera(tmp_path / "p.exr", header, overrides=stated).notes == ()
 
 
+@pytest.mark.slow
 def test_a_contradiction_is_told_once_a_run_of_whatever_frame(tmp_path):
     for frame in (1001, 1002):
         focal = {"nominalFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}

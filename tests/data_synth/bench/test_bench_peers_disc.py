@@ -69,6 +69,7 @@ def test_in_focus_softness_is_left():
     assert 1 / drawn.max() == pytest.approx(np.pi * 6**2, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.8, -0.5])
 def test_what_was_photographed_is_matched(shift):
     true = DiscNumbers(0.85, 0.012, shift)

@@ -62,6 +62,7 @@ def test_the_picture_of_a_fit_can_be_opened(tmp_path):
         assert picture.format == "PNG"
 
 
+@pytest.mark.slow
 def test_a_warp_has_a_curve_for_every_method(drawn, monkeypatch, tmp_path):
     monkeypatch.setitem(warp.SIZES, "HD", (160, 90))
     result = warp.bench_warp(tmp_path, quick=True)

@@ -91,6 +91,7 @@ def test_a_lamp_and_a_painted_disc_make_the_same_picture(fast):
     assert np.linalg.norm(one - other) < 0.05 * np.linalg.norm(other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lamp_mm", [2500.0, 700.0])
 @pytest.mark.parametrize("edge_mm", [60.0, 400.0])
 def test_an_edge_on_the_axis_cuts_a_disc_in_two(slow, lamp_mm, edge_mm):

@@ -71,6 +71,7 @@ def test_the_shape_is_refitted_at_fixed_biases(true_fit):
     assert rms_px(after - held) < 0.01
 
 
+@pytest.mark.slow
 def test_biases_that_are_fixed_at_wrong_values_stay_wrong(true_fit):
     """Their values come from elsewhere, however badly they fit the dots."""
     wrong = moved(true_fit, bias_cancelling_move(true_fit, true_fit.dot_data))

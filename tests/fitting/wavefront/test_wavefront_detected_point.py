@@ -119,6 +119,7 @@ def test_an_even_disc_is_where_its_chief_ray_lands():
         np.testing.assert_allclose(found, 0, atol=2e-2 * PIXEL_MM)
 
 
+@pytest.mark.slow
 def test_slanted_light_moves_no_mark():
     """What lies under a dot is taken off as a plane."""
     along = np.arange(CELLS) - (CELLS - 1) / 2

@@ -150,6 +150,7 @@ def lines(sides, place, width, blur_cells, fine=16, around=MARGIN_CELLS):
     return drawn[around:-around, around:-around]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True], ids=["bright", "dark"])
 @pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
 @pytest.mark.parametrize("name", LINES)
@@ -264,6 +265,7 @@ def dots_drawn(disc, to_middle, beside, blur_cells, fine=16):
     return cells[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
 @pytest.mark.parametrize("radius_cells", [10.0, 24.0, 60.0])
 def test_a_rim_is_as_the_dots_drawn_finely(radius_cells, blur_cells):

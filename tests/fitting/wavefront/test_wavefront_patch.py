@@ -79,6 +79,7 @@ def scene():
     return rays, light, weight, corner
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_chi_squared(scene):
     """Widths of rays held, as the derivatives take them."""
     rays, light, weight, corner = scene

@@ -153,6 +153,7 @@ def _agree(parameters: np.ndarray, dot) -> None:
     np.testing.assert_allclose(np.sum(exact.weight_slopes, 0), 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blades", [0, 7])
 @pytest.mark.parametrize("defocus_mm", [0.0, -0.3])
 @pytest.mark.parametrize("place", PLACES)
@@ -238,6 +239,7 @@ def _evenly(count: int, turn_rad: float) -> np.ndarray:
     return reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
+@pytest.mark.slow
 def test_centroids_are_the_mean_of_a_dense_spot():
     parameters = jnp.asarray(parameters_of(0.3, (0.5, 1.1)))
     for place in PLACES.values():

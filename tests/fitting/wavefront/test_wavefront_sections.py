@@ -73,6 +73,7 @@ def _led_back(numbers, dot, by_spot):
     return spot, back(by_spot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 def test_derivatives_agree_with_differences(place):
     numbers, dot = jnp.asarray(parameters()), dot_of(place)

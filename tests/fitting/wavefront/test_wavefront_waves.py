@@ -87,6 +87,7 @@ def _rays_let_go():
     _landed_mm.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius_cells", [2.0, 4.0, 8.0])
 @pytest.mark.parametrize("defocus_mm", [0.0, 0.1, 0.5])
 def test_a_disc_is_as_very_many_rays_have_it(defocus_mm, radius_cells):

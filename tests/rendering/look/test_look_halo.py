@@ -97,6 +97,7 @@ def test_shares_fall_off_as_said():
         assert np.diff(np.log2(value)) == pytest.approx(-power, abs=0.06)
 
 
+@pytest.mark.slow
 @HALOS
 @pytest.mark.parametrize("half_px", [0.02, 0.7, 5.0, 60.0])
 def test_light_is_kept_at_the_border_too_and_a_constant_stays(halo, half_px):

@@ -67,6 +67,7 @@ def test_a_right_shoot_is_sharpest_where_it_is_stated(squeeze):
         assert list(focus_units(takes)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("squeeze", [1.0, 1.9])
 @pytest.mark.parametrize(
     ("factor", "words"),
