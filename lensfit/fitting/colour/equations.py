@@ -17,12 +17,16 @@ likelihood), with third order alone, since higher orders can stand for whatever 
 Photographs at one stop alone do not tell, and get the share that is usual.
 
 Systematic errors that residuals do not show are added as in `fitting.systematic`, over
-all terms of the largest model.
+all terms of the largest model. They are taken to be as large as those that do show:
+every photograph has smooth errors of its own, by which it differs from the others
+beyond its noise (`_systematic_px`).
 
 Reference: C. R. Henderson, Biometrics 31 (1975) 423, on fixed and random effects
-together; H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545, on the likelihood.
+together; H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545, on the likelihood;
+on the scatter of groups as a component of variance, Henderson, Biometrics 9 (1953) 226.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -42,10 +46,14 @@ CENTRED, SHIFTED, LOPSIDED = 0, 2, 6
 """Terms besides the radial ones: none, the shift, and strain and decentering too."""
 MOST_RADIAL_TERMS = 4
 TERMS = LOPSIDED + MOST_RADIAL_TERMS
-SYSTEMATIC_PX = 0.004
-"""Root mean square of how far detections are moved. Of thirty random traced lenses the
-median errors of red and blue along either axis were .003 and .005, those of the
-deviations stated without it .001."""
+_USUAL_SYSTEMATIC_PX, _USUAL_COUNT = 0.003, 4.0
+"""Root mean square of how far systematic errors move detections where photographs do
+not tell, as in thirty random traced lenses, and how many independent differences
+between photographs this is worth."""
+_ALIKE_PX = 0.0015
+"""Of errors that all photographs share, so that none tells: of traced lenses those of
+blue exceed what their photographs differ by. A constant learnt from examples; colour of
+higher order in the wavefront would do without."""
 _SHARES = np.geomspace(1e-3, 1.0, 31)
 _USUAL_SHARE, _LOG_SHARE_DEVIATION = 0.02, 1.5
 """Of traced lenses: shares of .01 to .16 were found. A constant learnt from examples,
@@ -54,6 +62,9 @@ and powers would do without."""
 _THIRD = 3
 _ROUNDS = 6
 _TINY = 1e-12
+_COLLINEAR = 1e-10
+_LEAST_APART = 0.05
+"""Share of the other photographs in a solution, to tell by them what is one's own."""
 _FLOOR_PX = 2e-3
 _LEAST_SCALE_PX = 1e-3
 _FIRST_SCALE_PX = 0.01
@@ -96,6 +107,7 @@ class NormalEquations(NamedTuple):
     weight : Of every detection, for each state.
     states : How many.
     rows : How many equations were measured.
+    systematic_px : Rms of how far systematic errors move detections.
     """
 
     matrix: Float[np.ndarray, "unknowns unknowns"]
@@ -104,21 +116,24 @@ class NormalEquations(NamedTuple):
     weight: list[Float[np.ndarray, " detections"]]
     states: int
     rows: int
+    systematic_px: float = _USUAL_SYSTEMATIC_PX
 
-    def solution(self, besides: int, terms: int) -> "Solution":
+    def solution(self, besides: int, terms: int, level: float) -> "Solution":
         """With some of the terms in every state; the others are zero.
 
         Parameters
         ----------
         besides, terms : How many lopsided and how many radial ones.
+        level : Variance of the equations, which that of the moves is not scaled by.
         """
         free = np.append(
             self._free_coefficients(besides, terms), np.ones(len(self._moves), bool)
         )
-        matrix = self.matrix[np.ix_(free, free)]
+        square, prior = np.ix_(free, free), np.diag(self._precision[free])
         beta, covariance = np.zeros(len(free)), np.zeros((len(free),) * 2)
-        beta[free] = np.linalg.solve(matrix, self.vector[free])
-        covariance[np.ix_(free, free)] = np.linalg.inv(matrix)
+        beta[free] = np.linalg.solve(self.matrix[square], self.vector[free])
+        measured = (self.matrix[square] - prior) / level + prior
+        covariance[square] = np.linalg.inv(measured)
         return Solution(beta, covariance)
 
     def chi2(
@@ -135,6 +150,12 @@ class NormalEquations(NamedTuple):
         return self.square - float(of_moves) - float(left[used] @ beta)
 
     @property
+    def _precision(self) -> Float[np.ndarray, " unknowns"]:
+        """Of the priors, which the matrix contains."""
+        first = self.states * TERMS
+        return np.repeat([_TINY, 1.0], [first, len(self.vector) - first])
+
+    @property
     def _moves(self) -> Int[np.ndarray, " moves"]:
         return np.arange(self.states * TERMS, len(self.vector))
 
@@ -147,8 +168,7 @@ class NormalEquations(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Unknowns as in `NormalEquations`, and their covariance at unit variance of the
-    equations."""
+    """Unknowns as in `NormalEquations`, and their covariance."""
 
     beta: Float[np.ndarray, " unknowns"]
     covariance: Float[np.ndarray, "unknowns unknowns"]
@@ -184,12 +204,89 @@ def normal_equations(states: Sequence[Equations]) -> NormalEquations:
     most likely size of errors by colour."""
     states = _with_as_many_moves(states)
     weight = [1 / (one.variance + (_FIRST_SCALE_PX * one.px) ** 2) for one in states]
-    share = _USUAL_SHARE
     for _ in range(_ROUNDS):
         share = _most_likely_share(_weighted_equations(states, weight, 1.0), states)
         left = _left_of(states, _weighted_equations(states, weight, share), share)
         weight = [_robust(*part) for part in zip(states, left, strict=True)]
-    return _weighted_equations(states, weight, share)
+    found = _weighted_equations(states, weight, share)
+    left = _left_of(states, found, share)
+    return found._replace(systematic_px=_systematic_px(states, weight, left))
+
+
+def _systematic_px(
+    states: Sequence[Equations],
+    weight: Sequence[Float[np.ndarray, " detections"]],
+    left: Sequence[Float[np.ndarray, " equations"]],
+) -> float:
+    """Rms of the smooth errors by which photographs differ, beside the usual one, and
+    of those they share.
+
+    The same terms, fitted to what is left of each photograph alone, explain more
+    than noise would where photographs differ.
+
+    Parameters
+    ----------
+    left : What all terms and moves leave of every state.
+    """
+    parts = [
+        _own_errors(*of_state, take)
+        for of_state in zip(states, weight, left, strict=True)
+        for take in np.unique(of_state[0].take)
+    ]
+    usual = _USUAL_SYSTEMATIC_PX**2
+    weights = np.array([1 / part.variance(usual) for part in parts if part.count])
+    found = np.array([part.square_px2 for part in parts if part.count])
+    # As many independent squares have the same scatter as the weighted mean.
+    count = 2 * usual**2 * weights.sum()
+    measured = max(2 * usual**2 * float(weights @ found), 0.0)
+    found_px2 = (_USUAL_COUNT * usual + measured) / (_USUAL_COUNT + count)
+    return math.sqrt(found_px2 + _ALIKE_PX**2)
+
+
+class _OwnErrors(NamedTuple):
+    """Smooth errors of one photograph beside those of all.
+
+    Attributes
+    ----------
+    square_px2 : Mean square; below zero where noise explains more than there is.
+    noise_px2 : What noise alone would add to it.
+    count : Number of the terms; 0 where there are too few detections.
+    """
+
+    square_px2: float
+    noise_px2: float
+    count: int
+
+    def variance(self, square_px2: float) -> float:
+        """Of the mean square, if that is its true value."""
+        return 2 * (self.noise_px2 + square_px2) ** 2 / self.count
+
+
+def _own_errors(
+    equations: Equations,
+    weight: Float[np.ndarray, " detections"],
+    left: Float[np.ndarray, " equations"],
+    take: int,
+) -> _OwnErrors:
+    mine = equations.take == take
+    apart = 1 - float(weight[mine].sum() / weight.sum())
+    rows = np.repeat(mine, 2)
+    design, w = equations.design[rows], np.repeat(weight[mine], 2)
+    matrix, pull = (design.T * w) @ design, design.T @ (w * left[rows])
+    measured = int((design != 0).any(1).sum())
+    unit = np.sqrt(np.maximum(np.diag(matrix), _TINY))
+    size, axes = np.linalg.eigh(matrix / np.outer(unit, unit))
+    seen = size > _COLLINEAR * size[-1]
+    along = axes.T[seen] @ (pull / unit)
+    explained = float(np.sum(along**2 / size[seen]))
+    count = int(seen.sum())
+    if measured <= 2 * count or apart < _LEAST_APART:
+        return _OwnErrors(0.0, 0.0, 0)
+    level = (float(w @ left[rows] ** 2) - explained) / (measured - count)
+    per_px2 = float(weight[mine].sum()) * equations.px**2
+    noise = level * count / per_px2
+    # Its share in the solution takes as much of its errors as of its noise.
+    return _OwnErrors(explained / per_px2 / apart - noise, noise, count)
 
 
 def _left_of(
@@ -246,11 +343,11 @@ def _most_likely_share(whole: NormalEquations, states: Sequence[Equations]) -> f
 
 
 def systematic_of(
-    equations: Equations, weight: Float[np.ndarray, " detections"]
+    equations: Equations, weight: Float[np.ndarray, " detections"], effect_px: float
 ) -> Float[np.ndarray, "terms terms"]:
-    """Covariance of all terms that together move the detections by `SYSTEMATIC_PX`."""
+    """Covariance of all terms that together move the detections by an rms effect."""
     a = equations.design
-    explained = (SYSTEMATIC_PX * equations.px) ** 2 * float(weight.sum())
+    explained = (effect_px * equations.px) ** 2 * float(weight.sum())
     matrix = (a.T * np.repeat(weight, 2)) @ a
     return systematic_covariance(matrix, np.full(len(matrix), _TINY), explained)
 

@@ -175,9 +175,11 @@ def _fit(
     pairs = list(zip(detections, reference_radius_mm, strict=True))
     states = [equations_of(one, radius_mm) for one, radius_mm in pairs]
     together = normal_equations(states)
-    moves = together.solution(LOPSIDED, MOST_RADIAL_TERMS).beta[len(states) * TERMS :]
+    whole = together.solution(LOPSIDED, MOST_RADIAL_TERMS, 1.0)
+    moves = whole.beta[len(states) * TERMS :]
     chi2 = together.chi2(LOPSIDED, MOST_RADIAL_TERMS, moves)
-    level = max(chi2 / together.rows, 1.0)
+    scatter = chi2 / together.rows
+    level = max(scatter, 1.0)
     best = None
     for besides in (CENTRED, SHIFTED, LOPSIDED):
         for terms in range(MOST_RADIAL_TERMS + 1):
@@ -189,12 +191,14 @@ def _fit(
                 best = (bic, besides, terms)
     assert best is not None
     _, besides, terms = best
-    solution = together.solution(besides, terms)
+    solution = together.solution(besides, terms, scatter)
     found = []
     for k, (one, radius_mm) in enumerate(pairs):
         mine = slice(k * TERMS, (k + 1) * TERMS)
-        covariance = solution.covariance[mine, mine] * level
-        covariance = covariance + systematic_of(states[k], together.weight[k])
+        systematic = systematic_of(
+            states[k], together.weight[k], together.systematic_px
+        )
+        covariance = solution.covariance[mine, mine] + systematic
         found.append(_channel(solution.beta[mine], covariance, besides, one, radius_mm))
     return found
 

@@ -149,8 +149,10 @@ def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
 def _f_numbers_of(
     wavefront: WavefrontFit, takes: Sequence[View]
 ) -> Iterator[Contradiction]:
-    """Stops whose size beside the widest the dots' shape shows otherwise."""
-    if not wavefront.has("stop_ratios"):
+    """Stops whose size beside the widest the dots' shape shows otherwise; none where
+    it hardly shows it, and what the model misses of the dots could be taken for it."""
+    name = "stop_ratios"
+    if not wavefront.has(name) or name in wavefront.undetermined_term_groups:
         return
     stops = [float(one) for one in wavefront.dot_data.f_numbers]
     where = wavefront.stage.layout.blocks["stop_ratio"]

@@ -261,3 +261,41 @@ def test_at_one_stop_colour_keeps_what_coma_may_be():
     found = fit_colour(takes, np.zeros(2), RADIUS_MM)["r"]
     off = modelled_px(found, np.zeros(2), RIM_PX) - expected
     assert np.abs(off).max() > 0.2
+
+
+def stated_px(colour) -> float:
+    """Standard deviation of places over the frame, rms, px."""
+    x, y = np.meshgrid(np.linspace(-0.8, 0.8, 9), np.linspace(-0.45, 0.45, 9))
+    known = colour.deviations(np.stack([x.ravel(), y.ravel()], 1))
+    return float(np.sqrt(np.mean(np.sum(known**2, -1)))) * RADIUS_MM / MM_PER_PX
+
+
+def takes_apart(apart_px: float, count: int) -> tuple[View, ...]:
+    """Photographs with smooth errors of their own of that rms."""
+    truth = radial([0.8, -1.5])
+    shape = radial([0.0, 1.0])
+
+    def of_take(own):
+        def moved_px(from_centre_px):
+            size = np.sqrt(np.mean(np.sum(shape(from_centre_px) ** 2, -1)))
+            return truth(from_centre_px) + own / size * shape(from_centre_px)
+
+        return moved_px
+
+    own_px = apart_px * np.random.default_rng(4).normal(size=count)
+    return tuple(
+        take_with(of_take(own), noise_px=0.004, seed=k) for k, own in enumerate(own_px)
+    )
+
+
+@pytest.mark.parametrize("apart_px", [0.01, 0.03])
+def test_colour_is_known_as_well_as_photographs_agree(apart_px):
+    apart = fit_colour(takes_apart(apart_px, 6), np.zeros(2), RADIUS_MM)["b"]
+    alike = fit_colour(takes_apart(0.0, 6), np.zeros(2), RADIUS_MM)["b"]
+    assert 0.4 * apart_px < stated_px(apart) < 2 * apart_px
+    assert stated_px(alike) < 0.002
+
+
+def test_one_photograph_does_not_tell_its_own_errors():
+    one = fit_colour(takes_apart(0.0, 1), np.zeros(2), RADIUS_MM)["b"]
+    assert stated_px(one) == pytest.approx(0.003, rel=0.5)

@@ -2,10 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from lensfit.fitting.statements import Statement
 from lensfit.workflow.statements.contradiction import Contradiction
+from lensfit.workflow.statements.contradictions import contradictions_of_fit
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 
 
@@ -115,3 +117,22 @@ def test_where_a_cause_is_known_its_consequences_are_not_told_again():
     assert list(contradicted_by_fit([wrong], [known])) == []
     light = Contradiction("encoding", "undistortion", "encoding", "state it")
     assert len(list(contradicted_by_fit([wrong], [light]))) == 1
+
+
+@pytest.mark.parametrize(("undetermined", "accused"), [((), 1), (("stop_ratios",), 0)])
+def test_an_f_number_is_contradicted_by_dots_that_show_it(undetermined, accused):
+    """What the shape of dots hardly shows contradicts nothing, however far off."""
+    wavefront = SimpleNamespace(
+        fits_stated_side=True,
+        mirrored=False,
+        has=lambda name: name == "stop_ratios",
+        undetermined_term_groups=undetermined,
+        dot_data=SimpleNamespace(f_numbers=(4.0, 8.0)),
+        stage=SimpleNamespace(
+            layout=SimpleNamespace(blocks={"stop_ratio": slice(0, 1)}),
+            parameters=np.array([-0.3]),
+        ),
+    )
+    fitted = SimpleNamespace(states=[], wavefronts={50.0: wavefront})
+    found = [*contradictions_of_fit([], fitted)]
+    assert [one.kind for one in found] == ["f_number"] * accused
