@@ -212,7 +212,7 @@ class AbstractChiefRays(eqx.Module):
         Raises
         ------
         LensfitError : The preset does not say how well its lateral colour is known at
-            this state; or it has none, where none was measured or none is visible.
+            this state; or it has none, where none was measured or none was found.
         ValueError : Unknown channel, or points of the wrong shape.
         """
         points = np.asarray(points_of(points_mm, 2))

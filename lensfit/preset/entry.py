@@ -71,7 +71,7 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
     focal_length_mm : As on the barrel.
     focus_distance_mm : From the sensor plane, as on the barrel; "inf" in the file when
         infinite, null when nobody said.
-    lateral_colour : None when none was measured or none is visible.
+    lateral_colour : None when none was measured or none was found.
     fall_off : One for each f-number that was measured, widest first; may be empty.
     covariance : Of the numbers of the chief-ray fit that are not known exactly, terms
         that it left out included, named and counted as in

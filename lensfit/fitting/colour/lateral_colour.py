@@ -43,6 +43,8 @@ from lensfit.optics.many_points import lateral_deviations
 
 _CHANNELS = {"r": 0, "b": 2}
 _LEAST_BIC_GAIN = 6.0
+_LEAST_SCATTER = 0.01
+"""Of the stated variance: channels that are copies of one another differ nowhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,11 @@ class ChannelColour:
     decentering: tuple[float, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
     valid_radius: float
+
+    @property
+    def has_terms(self) -> bool:
+        """Whether model selection kept any."""
+        return any((*self.radial, *self.shift_mm, *self.strain, *self.decentering))
 
     def radial_px(
         self, radius: Float[np.ndarray, " radii"], px_per_radius: float
@@ -178,7 +185,7 @@ def _fit(
     whole = together.solution(LOPSIDED, MOST_RADIAL_TERMS, 1.0)
     moves = whole.beta[len(states) * TERMS :]
     chi2 = together.chi2(LOPSIDED, MOST_RADIAL_TERMS, moves)
-    scatter = chi2 / together.rows
+    scatter = max(chi2 / together.rows, _LEAST_SCATTER)
     level = max(scatter, 1.0)
     best = None
     for besides in (CENTRED, SHIFTED, LOPSIDED):

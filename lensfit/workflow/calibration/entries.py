@@ -111,7 +111,6 @@ _LIBRARIES = {
 }
 """What a calibration was computed with, and the module that says its version: packages
 of OpenCV have many names."""
-_LEAST_VISIBLE_PX = 0.01
 _ALONG_THE_AXIS = {
     "pupil_offset": "entrance_pupil_offset_mm",
     "pupil_shift": "pupil_shift_mm",
@@ -228,26 +227,9 @@ def _pupil_shift(state: LensState) -> blocks.PupilShift | None:
     )
 
 
-def visible_colour(state: LensState) -> bool:
-    """Whether red or blue move by more than a hundredth of a pixel anywhere."""
-    px_per_radius = _px_per_radius(state)
-    for colour in state.colour.values():
-        radius = np.linspace(0, colour.valid_radius, 20)
-        moved = np.abs(colour.radial_px(radius, px_per_radius)[0]).max()
-        shift = np.hypot(*colour.shift_mm) / float(state.distortion.reference_radius_mm)
-        lopsided = shift + colour.lopsided(colour.valid_radius)
-        if max(moved, lopsided * px_per_radius) > _LEAST_VISIBLE_PX:
-            return True
-    return False
-
-
-def _px_per_radius(state: LensState) -> float:
-    mm_per_px = float(state.geometry.adjustment.stack.mm_per_px[0])
-    return float(state.distortion.reference_radius_mm) / mm_per_px
-
-
 def _lateral(state: LensState) -> blocks.LateralColour | None:
-    if not state.colour or not visible_colour(state):
+    # However slight it is: a pixel of the photograph is several of a larger plate.
+    if not any(colour.has_terms for colour in state.colour.values()):
         return None
 
     def block(colour: ChannelColour) -> blocks.ChannelShift:

@@ -299,3 +299,11 @@ def test_colour_is_known_as_well_as_photographs_agree(apart_px):
 def test_one_photograph_does_not_tell_its_own_errors():
     one = fit_colour(takes_apart(0.0, 1), np.zeros(2), RADIUS_MM)["b"]
     assert stated_px(one) == pytest.approx(0.003, rel=0.5)
+
+
+def test_channels_that_are_copies_have_no_colour():
+    take = take_with(radial([0.0]), noise_px=0.0)
+    found = fit_colour((take,) * 2, np.zeros(2), RADIUS_MM)
+    for colour in found.values():
+        assert not colour.has_terms
+        assert np.isfinite(colour.covariance).all()
