@@ -42,6 +42,7 @@ from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
 from lensfit.fitting.wavefront.multistart import (
     DECISIVE,
     Candidate,
+    agree,
     best_candidate,
     candidate_at,
     is_side_determined,
@@ -329,7 +330,7 @@ def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]
 
     Where higher orders shape the dots, third order does not determine which start is
     the best: the candidates that it rejected are tried in turn until one explains the
-    dots.
+    dots, or several starts have ended in one lens.
     """
     found = [
         candidate_at(middle_fit(one.stage, coarse.term_groups))
@@ -337,7 +338,7 @@ def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]
     ]
     enough = _EXPLAINED * len(few.take) * (3 if few.colour else 1)
     for one in coarse.rejected:
-        if min(candidate.cost for candidate in found) <= enough:
+        if min(candidate.cost for candidate in found) <= enough or agree(found):
             break
         stage = solve_on_all_dots(one, few).stage
         found.append(candidate_at(middle_fit(stage, coarse.term_groups)))

@@ -29,6 +29,8 @@ from lensfit.fitting.wavefront.stated import statements_without_distances
 
 DECISIVE = 1.1
 """Ratio of costs above which the candidate of lower cost is preferred."""
+_AGREEING, _ALIKE = 3, 1.005
+"""Starts that end alike, and their cost over the best one's."""
 _SAME = 0.2
 """Candidates closer than this share of the largest defocus are the same."""
 _FAR_APART = 0.4
@@ -152,6 +154,12 @@ def rejected_candidates(
     """Candidates that were not kept, lowest cost first; none that failed."""
     rejected = [one for one in found if all(one is not other for other in kept)]
     return sorted((one for one in rejected if np.isfinite(one.cost)), key=_COST)
+
+
+def agree(found: list[Candidate]) -> bool:
+    """Whether several starts have ended at the lowest cost: others would, too."""
+    ended = [one.cost for one in found if np.isfinite(one.cost)]
+    return sum(cost <= _ALIKE * min(ended) for cost in ended) >= _AGREEING
 
 
 def is_side_determined(found: list[Candidate]) -> bool:

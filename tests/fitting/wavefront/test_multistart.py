@@ -171,3 +171,16 @@ def test_what_nobody_stated_runs_against_nothing(monkeypatch):
     silent = np.full(3, np.nan)
     monkeypatch.setattr(multistart, "stated_defocus_mm", lambda _: silent)
     assert not runs_against_statements(at(1.0, 0.1, 0.2, 0.3).stage)
+
+
+@pytest.mark.parametrize(
+    ("costs", "alike"),
+    [
+        ((62.9, 63.0, 62.4, 62.5), False),
+        ((62.9, 63.0, 62.4, 62.5, 62.6), True),
+        ((5.0, np.inf, 5.0, 5.0), True),
+        ((np.inf,) * 4, False),
+    ],
+)
+def test_three_starts_that_end_at_the_lowest_cost_agree(costs, alike):
+    assert multistart.agree([at(cost, 0.1) for cost in costs]) is alike
