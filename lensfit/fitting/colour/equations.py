@@ -50,7 +50,7 @@ _USUAL_SYSTEMATIC_PX, _USUAL_COUNT = 0.003, 4.0
 """Root mean square of how far systematic errors move detections where photographs do
 not tell, as in thirty random traced lenses, and how many independent differences
 between photographs this is worth."""
-_ALIKE_PX = 0.0015
+_ALIKE_PX = 0.001
 """Of errors that all photographs share, so that none tells: of traced lenses those of
 blue exceed what their photographs differ by. A constant learnt from examples; colour of
 higher order in the wavefront would do without."""
