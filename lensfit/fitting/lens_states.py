@@ -14,7 +14,7 @@
 """
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -31,6 +31,7 @@ from lensfit.fitting.lens_state import (
     more_accurate_state,
     states_by_focal_length,
     with_colour,
+    worse_at_chief_rays,
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
 from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
@@ -59,6 +60,8 @@ class FittedLens:
     takes_with_wide_dots : Views whose dots were too wide for the wavefront, by focal
         length.
     seconds : Duration of the wavefront fits.
+    doubtful_at_chief_rays : States whose detections the wavefront moved to where one
+        lens predicts them decisively worse.
     """
 
     states: tuple[LensState, ...]
@@ -67,6 +70,7 @@ class FittedLens:
     unmeasured_blur: dict[float, str] = field(default_factory=dict)
     takes_with_wide_dots: dict[float, list[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    doubtful_at_chief_rays: tuple[LensState, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -93,8 +97,22 @@ class FittedLens:
             *(one.sentence for one in stated if one.contradicts),
             *unmeasured,
             *takes_with_wide_dots,
+            *self._doubts,
             *reversed_breathing(self.states).values(),
         )
+
+    @property
+    def _doubts(self) -> Iterator[str]:
+        for state in self.doubtful_at_chief_rays:
+            focus = state.focus_distance_mm
+            where = "" if focus is None else f" focused at {focus:g} mm"
+            yield (
+                f"at {state.focal_length_mm:g} mm{where} the points fit one lens worse "
+                "where the measured blur says that chief rays land than where they "
+                "were found: the blur's lopsidedness is not well measured there, and "
+                "chief rays may be off by more than is stated; photograph smaller dots "
+                "or more pixels"
+            )
 
 
 # Matrices of a few hundred rows gain nothing from several BLAS threads, which spin
@@ -137,14 +155,16 @@ def fit(
     first = _fit_at_chief_rays(views, wavefronts, progress)
     corrected = _jointly_corrected_wavefronts(states, first)
     last = _fit_with_corrected_wavefronts(views, first, corrected, progress)
-    states = [more_accurate_state(state, states) for state in last.states]
+    chosen = [more_accurate_state(state, states) for state in last.states]
+    doubtful = tuple(worse_at_chief_rays(chosen, states))
     return FittedLens(
-        tuple(states),
+        tuple(chosen),
         last.failed,
         last.wavefronts,
         without,
         takes_with_wide_dots,
         seconds,
+        doubtful,
     )
 
 
