@@ -4,7 +4,6 @@ All views of a state share one chief-ray geometry and one lateral colour; fall-o
 fitted separately for each f-number.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -153,35 +152,35 @@ def more_accurate_state(after: LensState, before: Iterable[LensState]) -> LensSt
     """
     if not any(view.anamorphic for view in after.geometry.takes):
         return after
-    same = [
-        one
-        for one in before
-        if one.focal_length_mm == after.focal_length_mm
-        and one.focus_distance_mm == after.focus_distance_mm
-    ]
+    same = _at_setting_of(after, before)
     return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
 
 
-def worse_at_chief_rays(
-    after: Iterable[LensState], before: Iterable[LensState]
-) -> list[LensState]:
-    """States that predict detections decisively worse where these were moved to chief
-    rays: the wavefront says worse how they differ than no wavefront would.
+def states_worse_at_chief_rays(
+    after: Iterable[LensState], before: Sequence[LensState]
+) -> tuple[LensState, ...]:
+    """States whose held-out error is decisively larger where detections were moved from
+    centroids to chief rays: there the wavefront predicts centroid biases worse than
+    none at all would.
 
     Parameters
     ----------
     after, before : Fitted to chief rays, and to centroids.
     """
-    centroids = {
-        (one.focal_length_mm, one.focus_distance_mm): one.geometry.held_out_rms_px
-        for one in before
-    }
+
+    def is_worse(moved: LensState) -> bool:
+        most_px = moved.geometry.held_out_rms_px / _DECISIVE
+        same = _at_setting_of(moved, before)
+        return any(one.geometry.held_out_rms_px < most_px for one in same)
+
+    return tuple(one for one in after if is_worse(one))
+
+
+def _at_setting_of(state: LensState, others: Iterable[LensState]) -> list[LensState]:
+    """Those of its focal length and focus distance."""
+    setting = state.focal_length_mm, state.focus_distance_mm
     return [
-        one
-        for one in after
-        if one.geometry.held_out_rms_px
-        > _DECISIVE
-        * centroids.get((one.focal_length_mm, one.focus_distance_mm), math.inf)
+        one for one in others if (one.focal_length_mm, one.focus_distance_mm) == setting
     ]
 
 

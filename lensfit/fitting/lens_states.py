@@ -30,8 +30,8 @@ from lensfit.fitting.lens_state import (
     mean_held_out_rms_px,
     more_accurate_state,
     states_by_focal_length,
+    states_worse_at_chief_rays,
     with_colour,
-    worse_at_chief_rays,
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
 from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
@@ -60,8 +60,7 @@ class FittedLens:
     takes_with_wide_dots : Views whose dots were too wide for the wavefront, by focal
         length.
     seconds : Duration of the wavefront fits.
-    doubtful_at_chief_rays : States whose detections the wavefront moved to where one
-        lens predicts them decisively worse.
+    doubtful_states : Those of `states_worse_at_chief_rays`.
     """
 
     states: tuple[LensState, ...]
@@ -70,7 +69,7 @@ class FittedLens:
     unmeasured_blur: dict[float, str] = field(default_factory=dict)
     takes_with_wide_dots: dict[float, list[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    doubtful_at_chief_rays: tuple[LensState, ...] = ()
+    doubtful_states: tuple[LensState, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -97,21 +96,19 @@ class FittedLens:
             *(one.sentence for one in stated if one.contradicts),
             *unmeasured,
             *takes_with_wide_dots,
-            *self._doubts,
+            *self._notes_of_doubtful_states(),
             *reversed_breathing(self.states).values(),
         )
 
-    @property
-    def _doubts(self) -> Iterator[str]:
-        for state in self.doubtful_at_chief_rays:
+    def _notes_of_doubtful_states(self) -> Iterator[str]:
+        for state in self.doubtful_states:
             focus = state.focus_distance_mm
             where = "" if focus is None else f" focused at {focus:g} mm"
             yield (
                 f"at {state.focal_length_mm:g} mm{where} the points fit one lens worse "
                 "where the measured blur says that chief rays land than where they "
-                "were found: the blur's lopsidedness is not well measured there, and "
-                "chief rays may be off by more than is stated; photograph smaller dots "
-                "or more pixels"
+                "were found: coma is not well measured there, and chief rays may be "
+                "off by more than is stated; photograph smaller dots or more pixels"
             )
 
 
@@ -156,7 +153,6 @@ def fit(
     corrected = _jointly_corrected_wavefronts(states, first)
     last = _fit_with_corrected_wavefronts(views, first, corrected, progress)
     chosen = [more_accurate_state(state, states) for state in last.states]
-    doubtful = tuple(worse_at_chief_rays(chosen, states))
     return FittedLens(
         tuple(chosen),
         last.failed,
@@ -164,7 +160,7 @@ def fit(
         without,
         takes_with_wide_dots,
         seconds,
-        doubtful,
+        states_worse_at_chief_rays(chosen, states),
     )
 
 

@@ -11,7 +11,7 @@ from pinhole_shoot import Camera, shoot
 
 from lensfit.errors import FitError
 from lensfit.fitting.chart_view import views_by_state
-from lensfit.fitting.lens_state import more_accurate_state, worse_at_chief_rays
+from lensfit.fitting.lens_state import more_accurate_state, states_worse_at_chief_rays
 from lensfit.fitting.lens_states import fit
 
 TAKES = shoot(Camera())
@@ -79,11 +79,11 @@ def test_a_lens_without_cylinders_keeps_chief_rays():
     assert more_accurate_state(moved, [cylindrical(0.05, 1.0)]) is moved
 
 
-def test_states_that_chief_rays_made_decisively_worse_are_told():
+def test_states_that_chief_rays_make_decisively_worse_are_found():
     before = [cylindrical(0.05, 1.0, mm) for mm in (1000.0, 2000.0)]
     after = [cylindrical(0.08, 1.0, 1000.0), cylindrical(0.06, 1.0, 2000.0)]
-    assert worse_at_chief_rays(after, before) == after[:1]
-    assert not worse_at_chief_rays(after, [])
+    assert states_worse_at_chief_rays(after, before) == (after[0],)
+    assert states_worse_at_chief_rays(after, []) == ()
 
 
 def test_a_state_that_was_refused_before_is_taken():

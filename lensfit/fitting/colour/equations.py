@@ -19,7 +19,7 @@ Photographs at one stop alone do not tell, and get the share that is usual.
 Systematic errors that residuals do not show are added as in `fitting.systematic`, over
 all terms of the largest model. They are taken to be as large as those that do show:
 every photograph has smooth errors of its own, by which it differs from the others
-beyond its noise (`_systematic_px`).
+beyond its noise (`systematic_px`).
 
 Reference: C. R. Henderson, Biometrics 31 (1975) 423, on fixed and random effects
 together; H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545, on the likelihood;
@@ -39,7 +39,7 @@ from lensfit.fitting.colour.coloured_detections import (
     ColouredDetections,
     with_as_many_columns,
 )
-from lensfit.fitting.systematic import systematic_covariance
+from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
 from lensfit.optics.lateral import displacement_basis
 
 CENTRED, SHIFTED, LOPSIDED = 0, 2, 6
@@ -62,9 +62,9 @@ and powers would do without."""
 _THIRD = 3
 _ROUNDS = 6
 _TINY = 1e-12
-_COLLINEAR = 1e-10
 _LEAST_APART = 0.05
-"""Share of the other photographs in a solution, to tell by them what is one's own."""
+"""Share of a solution that the other photographs have, at least, for one photograph to
+differ from it."""
 _FLOOR_PX = 2e-3
 _LEAST_SCALE_PX = 1e-3
 _FIRST_SCALE_PX = 0.01
@@ -107,7 +107,7 @@ class NormalEquations(NamedTuple):
     weight : Of every detection, for each state.
     states : How many.
     rows : How many equations were measured.
-    systematic_px : Rms of how far systematic errors move detections.
+    share : Of what any lens has, as large as errors by colour are.
     """
 
     matrix: Float[np.ndarray, "unknowns unknowns"]
@@ -116,7 +116,7 @@ class NormalEquations(NamedTuple):
     weight: list[Float[np.ndarray, " detections"]]
     states: int
     rows: int
-    systematic_px: float = _USUAL_SYSTEMATIC_PX
+    share: float
 
     def solution(self, besides: int, terms: int, level: float) -> "Solution":
         """With some of the terms in every state; the others are zero.
@@ -129,7 +129,7 @@ class NormalEquations(NamedTuple):
         free = np.append(
             self._free_coefficients(besides, terms), np.ones(len(self._moves), bool)
         )
-        square, prior = np.ix_(free, free), np.diag(self._precision[free])
+        square, prior = np.ix_(free, free), np.diag(self.precision[free])
         beta, covariance = np.zeros(len(free)), np.zeros((len(free),) * 2)
         beta[free] = np.linalg.solve(self.matrix[square], self.vector[free])
         measured = (self.matrix[square] - prior) / level + prior
@@ -150,10 +150,9 @@ class NormalEquations(NamedTuple):
         return self.square - float(of_moves) - float(left[used] @ beta)
 
     @property
-    def _precision(self) -> Float[np.ndarray, " unknowns"]:
+    def precision(self) -> Float[np.ndarray, " unknowns"]:
         """Of the priors, which the matrix contains."""
-        first = self.states * TERMS
-        return np.repeat([_TINY, 1.0], [first, len(self.vector) - first])
+        return _precision_of_priors(self.states, len(self._moves))
 
     @property
     def _moves(self) -> Int[np.ndarray, " moves"]:
@@ -206,31 +205,23 @@ def normal_equations(states: Sequence[Equations]) -> NormalEquations:
     weight = [1 / (one.variance + (_FIRST_SCALE_PX * one.px) ** 2) for one in states]
     for _ in range(_ROUNDS):
         share = _most_likely_share(_weighted_equations(states, weight, 1.0), states)
-        left = _left_of(states, _weighted_equations(states, weight, share), share)
+        left = _left_of(states, _weighted_equations(states, weight, share))
         weight = [_robust(*part) for part in zip(states, left, strict=True)]
-    found = _weighted_equations(states, weight, share)
-    left = _left_of(states, found, share)
-    return found._replace(systematic_px=_systematic_px(states, weight, left))
+    return _weighted_equations(states, weight, share)
 
 
-def _systematic_px(
-    states: Sequence[Equations],
-    weight: Sequence[Float[np.ndarray, " detections"]],
-    left: Sequence[Float[np.ndarray, " equations"]],
-) -> float:
-    """Rms of the smooth errors by which photographs differ, beside the usual one, and
-    of those they share.
+def systematic_px(states: Sequence[Equations], equations: NormalEquations) -> float:
+    """Rms of how far systematic errors move detections: the smooth errors by which
+    photographs differ, weighed against those of usual lenses, and those they share.
 
     The same terms, fitted to what is left of each photograph alone, explain more
     than noise would where photographs differ.
-
-    Parameters
-    ----------
-    left : What all terms and moves leave of every state.
     """
+    states = _with_as_many_moves(states)
+    left = _left_of(states, equations)
     parts = [
-        _own_errors(*of_state, take)
-        for of_state in zip(states, weight, left, strict=True)
+        _own_errors_of(*of_state, take)
+        for of_state in zip(states, equations.weight, left, strict=True)
         for take in np.unique(of_state[0].take)
     ]
     usual = _USUAL_SYSTEMATIC_PX**2
@@ -262,35 +253,36 @@ class _OwnErrors(NamedTuple):
         return 2 * (self.noise_px2 + square_px2) ** 2 / self.count
 
 
-def _own_errors(
+def _own_errors_of(
     equations: Equations,
     weight: Float[np.ndarray, " detections"],
     left: Float[np.ndarray, " equations"],
     take: int,
 ) -> _OwnErrors:
+    """Those of a photograph.
+
+    Parameters
+    ----------
+    left : What the terms and moves of all photographs leave.
+    """
     mine = equations.take == take
     apart = 1 - float(weight[mine].sum() / weight.sum())
     rows = np.repeat(mine, 2)
     design, w = equations.design[rows], np.repeat(weight[mine], 2)
     matrix, pull = (design.T * w) @ design, design.T @ (w * left[rows])
     measured = int((design != 0).any(1).sum())
-    unit = np.sqrt(np.maximum(np.diag(matrix), _TINY))
-    size, axes = np.linalg.eigh(matrix / np.outer(unit, unit))
-    seen = size > _COLLINEAR * size[-1]
-    along = axes.T[seen] @ (pull / unit)
-    explained = float(np.sum(along**2 / size[seen]))
-    count = int(seen.sum())
-    if measured <= 2 * count or apart < _LEAST_APART:
+    if measured <= 2 * TERMS or apart < _LEAST_APART:
         return _OwnErrors(0.0, 0.0, 0)
-    level = (float(w @ left[rows] ** 2) - explained) / (measured - count)
+    explained = float(pull @ covariance_of_equations(matrix) @ pull)
+    level = (float(w @ left[rows] ** 2) - explained) / (measured - TERMS)
     per_px2 = float(weight[mine].sum()) * equations.px**2
-    noise = level * count / per_px2
+    noise_px2 = level * TERMS / per_px2
     # Its share in the solution takes as much of its errors as of its noise.
-    return _OwnErrors(explained / per_px2 / apart - noise, noise, count)
+    return _OwnErrors(explained / per_px2 / apart - noise_px2, noise_px2, TERMS)
 
 
 def _left_of(
-    states: Sequence[Equations], equations: NormalEquations, share: float
+    states: Sequence[Equations], equations: NormalEquations
 ) -> list[Float[np.ndarray, " equations"]]:
     """What all terms and moves leave of every state."""
     beta = np.linalg.solve(equations.matrix, equations.vector)
@@ -298,7 +290,7 @@ def _left_of(
     return [
         one.target
         - one.design @ beta[k * TERMS : (k + 1) * TERMS]
-        - _moves_of(one, share) @ moves
+        - _moves_of(one, equations.share) @ moves
         for k, one in enumerate(states)
     ]
 
@@ -327,8 +319,7 @@ def _most_likely_share(whole: NormalEquations, states: Sequence[Equations]) -> f
     others = len(whole.vector) - len(third_order)
     used = np.append(np.arange(others), others + np.flatnonzero(third_order))
     matrix, vector = whole.matrix[np.ix_(used, used)], whole.vector[used]
-    first = whole.states * TERMS
-    own = np.diag(np.repeat([_TINY, 1.0], [first, len(used) - first]))
+    own = np.diag(whole.precision[used])
     best = whole.square - vector @ np.linalg.solve(matrix, vector)
     level = max(best / whole.rows, 1.0)
     costs = []
@@ -345,7 +336,7 @@ def _most_likely_share(whole: NormalEquations, states: Sequence[Equations]) -> f
 def systematic_of(
     equations: Equations, weight: Float[np.ndarray, " detections"], effect_px: float
 ) -> Float[np.ndarray, "terms terms"]:
-    """Covariance of all terms that together move the detections by an rms effect."""
+    """Covariance of all terms, which together move detections by `effect_px` rms."""
     a = equations.design
     explained = (effect_px * equations.px) ** 2 * float(weight.sum())
     matrix = (a.T * np.repeat(weight, 2)) @ a
@@ -363,7 +354,7 @@ def _weighted_equations(
     """
     count = len(states) * TERMS
     moves = states[0].pulls.shape[1] + states[0].by_colour.shape[1]
-    matrix = np.diag(np.repeat([_TINY, 1.0], [count, moves]))
+    matrix = np.diag(_precision_of_priors(len(states), moves))
     vector, square, rows = np.zeros(count + moves), 0.0, 0
     for k, (one, of_detections) in enumerate(zip(states, weight, strict=True)):
         own = np.concatenate([one.design, _moves_of(one, share)], 1)
@@ -373,7 +364,12 @@ def _weighted_equations(
         vector[where] += own.T @ (w * one.target)
         square += float(w @ one.target**2)
         rows += int((one.design != 0).any(1).sum())
-    return NormalEquations(matrix, vector, square, weight, len(states), rows)
+    return NormalEquations(matrix, vector, square, weight, len(states), rows, share)
+
+
+def _precision_of_priors(states: int, moves: int) -> Float[np.ndarray, " unknowns"]:
+    """Coefficients have next to none; the unit of a move is its standard deviation."""
+    return np.repeat([_TINY, 1.0], [states * TERMS, moves])
 
 
 def _robust(

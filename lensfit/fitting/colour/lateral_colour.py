@@ -37,6 +37,7 @@ from lensfit.fitting.colour.equations import (
     equations_of,
     normal_equations,
     systematic_of,
+    systematic_px,
 )
 from lensfit.optics.lateral import ChannelShift
 from lensfit.optics.many_points import lateral_deviations
@@ -107,15 +108,6 @@ class ChannelColour:
             jnp.asarray(strain),
             jnp.asarray(decentering),
         )
-
-    def lopsided(self, radius: float) -> float:
-        """Largest displacement by strain and decentering at a radius, reference radii.
-
-        A decentering term moves by three times its coefficient along its own axis.
-        """
-        strain = np.linalg.norm(self.strain)
-        decentering = np.linalg.norm(self.decentering)
-        return float(strain * radius + 3 * decentering * radius**2)
 
 
 class Views(NamedTuple):
@@ -199,12 +191,11 @@ def _fit(
     assert best is not None
     _, besides, terms = best
     solution = together.solution(besides, terms, scatter)
+    effect_px = systematic_px(states, together)
     found = []
     for k, (one, radius_mm) in enumerate(pairs):
         mine = slice(k * TERMS, (k + 1) * TERMS)
-        systematic = systematic_of(
-            states[k], together.weight[k], together.systematic_px
-        )
+        systematic = systematic_of(states[k], together.weight[k], effect_px)
         covariance = solution.covariance[mine, mine] + systematic
         found.append(_channel(solution.beta[mine], covariance, besides, one, radius_mm))
     return found

@@ -42,9 +42,9 @@ from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
 from lensfit.fitting.wavefront.multistart import (
     DECISIVE,
     Candidate,
-    agree,
     best_candidate,
     candidate_at,
+    have_starts_agreed,
     is_side_determined,
     leading_candidates,
     open_candidates,
@@ -338,7 +338,8 @@ def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]
     ]
     enough = _EXPLAINED * len(few.take) * (3 if few.colour else 1)
     for one in coarse.rejected:
-        if min(candidate.cost for candidate in found) <= enough or agree(found):
+        explained = min(candidate.cost for candidate in found) <= enough
+        if explained or have_starts_agreed(found):
             break
         stage = solve_on_all_dots(one, few).stage
         found.append(candidate_at(middle_fit(stage, coarse.term_groups)))

@@ -29,8 +29,8 @@ from lensfit.fitting.wavefront.stated import statements_without_distances
 
 DECISIVE = 1.1
 """Ratio of costs above which the candidate of lower cost is preferred."""
-_AGREEING, _ALIKE = 3, 1.005
-"""Starts that end alike, and their cost over the best one's."""
+_AGREEING, _SAME_COST = 3, 1.005
+"""How many starts have to end in one minimum, and their cost over the lowest."""
 _SAME = 0.2
 """Candidates closer than this share of the largest defocus are the same."""
 _FAR_APART = 0.4
@@ -156,10 +156,12 @@ def rejected_candidates(
     return sorted((one for one in rejected if np.isfinite(one.cost)), key=_COST)
 
 
-def agree(found: list[Candidate]) -> bool:
-    """Whether several starts have ended at the lowest cost: others would, too."""
-    ended = [one.cost for one in found if np.isfinite(one.cost)]
-    return sum(cost <= _ALIKE * min(ended) for cost in ended) >= _AGREEING
+def have_starts_agreed(found: list[Candidate]) -> bool:
+    """Whether several starts have ended at the lowest cost, too many for chance."""
+    cost = np.array([one.cost for one in found])
+    cost = cost[np.isfinite(cost)]
+    alike = cost <= _SAME_COST * cost.min(initial=np.inf)
+    return bool(alike.sum() >= _AGREEING)
 
 
 def is_side_determined(found: list[Candidate]) -> bool:

@@ -149,8 +149,8 @@ def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
 def _f_numbers_of(
     wavefront: WavefrontFit, takes: Sequence[View]
 ) -> Iterator[Contradiction]:
-    """Stops whose size beside the widest the dots' shape shows otherwise; none where
-    it hardly shows it, and what the model misses of the dots could be taken for it."""
+    """Stops whose size beside the widest the dots' shape shows otherwise. Where the
+    photographs do not determine it, errors of the model would be taken for it."""
     name = "stop_ratios"
     if not wavefront.has(name) or name in wavefront.undetermined_term_groups:
         return

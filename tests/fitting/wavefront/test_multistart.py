@@ -183,4 +183,4 @@ def test_what_nobody_stated_runs_against_nothing(monkeypatch):
     ],
 )
 def test_three_starts_that_end_at_the_lowest_cost_agree(costs, alike):
-    assert multistart.agree([at(cost, 0.1) for cost in costs]) is alike
+    assert multistart.have_starts_agreed([at(cost, 0.1) for cost in costs]) is alike

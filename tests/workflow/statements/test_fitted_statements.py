@@ -121,7 +121,7 @@ def test_where_a_cause_is_known_its_consequences_are_not_told_again():
 
 @pytest.mark.parametrize(("undetermined", "accused"), [((), 1), (("stop_ratios",), 0)])
 def test_an_f_number_is_contradicted_by_dots_that_show_it(undetermined, accused):
-    """What the shape of dots hardly shows contradicts nothing, however far off."""
+    """What the shape of dots leaves undetermined contradicts nothing."""
     wavefront = SimpleNamespace(
         fits_stated_side=True,
         mirrored=False,
