@@ -11,9 +11,9 @@ from functools import cache
 from typing import Literal
 
 import cv2
+import numba as nb
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import map_coordinates
 
 ChartKind = Literal["dot-grid", "line-grid", "checkerboard", "charuco"]
 MARKER_RATIO, DICTIONARY = 0.7, "DICT_5X5_1000"
@@ -135,15 +135,30 @@ def _board_coverage(chart: Chart, chart_mm, footprint_mm):
     summed = _dark_summed(chart.squares)
     middle = SQUARE_PX * (chart_mm / chart.pitch_mm + np.array(chart.squares) // 2)
     half = SQUARE_PX * footprint_mm / chart.pitch_mm / 2
-    x, y = (np.moveaxis(side, -1, 0) for side in (middle - half, middle + half))
-    (left, top), (right, bottom) = x, y
-
-    def until(down, across):
-        return map_coordinates(summed, [down, across], order=1, mode="nearest")
-
-    dark = until(bottom, right) - until(top, right)
-    dark -= until(bottom, left) - until(top, left)
+    sides = np.stack([middle - half, middle + half], -1).reshape(-1, 2, 2)
+    dark = _dark_within(summed, sides.astype(float)).reshape(middle.shape[:-1])
     return 1 - dark / (2 * half).prod(-1)
+
+
+@nb.njit(nogil=True, cache=True)
+def _dark_within(
+    summed: Float[np.ndarray, "rows columns"], sides: Float[np.ndarray, "boxes 2 2"]
+) -> Float[np.ndarray, " boxes"]:
+    """Dark area in boxes of a picture (left and right, top and bottom), from its sums,
+    linear between pixels; as on its border beyond it."""
+    last_row, last_column = summed.shape[0] - 1, summed.shape[1] - 1
+    found = np.zeros(len(sides))
+    for i in range(len(sides)):
+        for k in range(4):
+            x = min(max(sides[i, 0, k % 2], 0.0), float(last_column))
+            y = min(max(sides[i, 1, k // 2], 0.0), float(last_row))
+            column, row = min(int(x), last_column - 1), min(int(y), last_row - 1)
+            u, v = x - column, y - row
+            above = (1 - u) * summed[row, column] + u * summed[row, column + 1]
+            below = (1 - u) * summed[row + 1, column] + u * summed[row + 1, column + 1]
+            sign = 1.0 if k % 2 == k // 2 else -1.0
+            found[i] += sign * ((1 - v) * above + v * below)
+    return found
 
 
 @cache
