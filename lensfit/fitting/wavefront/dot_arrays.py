@@ -92,6 +92,8 @@ class Broad(NamedTuple):
         of corners and lines.
     square_mm : Sides of the square that is bright ahead of a corner, or from line to
         line, in columns; zero of dots.
+    bend_mm : Second derivatives of the image by these sides, of rims by the radii that
+        `disc_mm` is of, the image's place on the first axis; zero of whole dots.
     window_cells, window_squares : Half width of detection's window about a corner, at
         most, in cells and in squares; 0 of others.
     lattice : Place of a corner or a line sample in pitches; 0 of others.
@@ -108,6 +110,7 @@ class Broad(NamedTuple):
     rim_mm: Float[Numbers, "dots 2"]
     neighbour_offsets_mm: Float[Numbers, "dots neighbours 2"]
     square_mm: Float[Numbers, "dots 2 2"]
+    bend_mm: Float[Numbers, "dots 2 2 2"]
     window_cells: Float[Numbers, " dots"]
     window_squares: Float[Numbers, " dots"]
     lattice: Float[Numbers, "dots 2"]
@@ -168,6 +171,7 @@ def undrawn(count: int) -> Broad:
         rim_mm=np.zeros((count, 2)),
         neighbour_offsets_mm=np.full((count, NEIGHBOURS, 2), np.nan),
         square_mm=np.zeros((count, 2, 2)),
+        bend_mm=np.zeros((count, 2, 2, 2)),
         window_cells=np.zeros(count),
         window_squares=np.zeros(count),
         lattice=np.zeros((count, 2)),

@@ -4,19 +4,25 @@ In sides (a, b) of a square from the corner, the chart there is bright where
 
     s(a) s(b) > 0,   s the square wave that changes sign at every integer,
 
-and the sides in cells of the patch follow from the geometry of the view, to first order
-about the corner. The pattern is drawn on fractions of a cell, averaged over each along
-both axes, and transformed. It is tapered to its mean before the slowest wave's period
-ends, since the waves repeat it. Ink that spreads takes as much from every bright square
-as it adds to the dark ones beside: if squares are larger by a small share, the pattern
-changes equally along all edges. The rim of a large dot is the edge of its image, an
-ellipse to first order; the neighbouring dots are drawn as well. Lines of a grid stand
-at the integers of both sides, so that crossings and the next lines are drawn with the
-line that a patch is about.
+and their place x in cells of the patch follows from the geometry of the view, to second
+order about the corner,
+
+    x = S (a, b) + B[(a, b), (a, b)] / 2.
+
+Distortion bends edges by some hundredths of a pixel within a patch, which looks like
+coma that moves the corner by a tenth. The pattern is drawn on fractions of a cell,
+averaged over each along both axes, and transformed. It is tapered to its mean before
+the slowest wave's period ends, since the waves repeat it. Ink that spreads takes as
+much from every bright square as it adds to the dark ones beside: if squares are larger
+by a small share, the pattern changes equally along all edges. The rim of a large dot is
+the edge of its image, an ellipse that is bent as well; the neighbouring dots are drawn
+with it. Lines of a grid stand at the integers of both sides, so that crossings and the
+next lines are drawn with the line that a patch is about.
 
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -26,14 +32,18 @@ from jaxtyping import Bool, Complex, Float
 from lensfit.detect.marker_board import MarkerBoard, dark_share
 
 _MEAN, _TINY = 0.5, 1e-6
-_PER_CELL = 4
-"""Samples; eight change images by less than a thousandth of the contrast."""
+_PER_WAVE = 4
+"""Samples in a cell, at least and for the fastest wave's period; twice as many change
+images by less than a thousandth of the contrast."""
+_ITERATIONS = 2
+"""Each leaves a few hundredths of the bend that is left."""
 _TAPER_CELLS = 4.0
 """Cells along the edge of the period in which the pattern is tapered to its mean."""
 
 
 def square_transfers(
     square_cells: Float[np.ndarray, "corners 2 2"],
+    bend_cells: Float[np.ndarray, "corners 2 2 2"],
     markers: Sequence[MarkerBoard | None],
     period: int,
     most: int,
@@ -45,7 +55,8 @@ def square_transfers(
 
     Parameters
     ----------
-    square_cells : Sides of the square that is bright ahead, in columns; right, down.
+    square_cells : S: sides of the square that is bright ahead, in columns; right, down.
+    bend_cells : B, the place on its first axis.
     markers : Of the squares around each corner, ahead as the sides are; None where
         squares are plain.
     period : Of the slowest wave, cells.
@@ -61,11 +72,12 @@ def square_transfers(
         dark, edges = _marker_areas(board, sides, ramp)
         return bright - dark * kept, larger + edges * kept / 2
 
-    return _drawn_in_sides(square_cells, picture, period, most)
+    return _drawn_in_sides(square_cells, bend_cells, picture, period, most)
 
 
 def line_transfers(
     side_cells: Float[np.ndarray, "samples 2 2"],
+    bend_cells: Float[np.ndarray, "samples 2 2 2"],
     lattice: Float[np.ndarray, "samples 2"],
     line_width: Float[np.ndarray, "samples 2"],
     period: int,
@@ -78,7 +90,8 @@ def line_transfers(
 
     Parameters
     ----------
-    side_cells : From line to line along both axes, in columns; right, down.
+    side_cells : S: from line to line along both axes, in columns; right, down.
+    bend_cells : B, the place on its first axis.
     lattice : Place of the sample in pitches.
     line_width : Of the lines across both axes in pitches, negative of dark lines.
     period, most : As for `square_transfers`.
@@ -91,11 +104,12 @@ def line_transfers(
         wider = edges[..., 0] * beside[..., 1] + edges[..., 1] * beside[..., 0]
         return (light, wider) if (line_width[k] > 0).all() else (1 - light, -wider)
 
-    return _drawn_in_sides(side_cells, picture, period, most)
+    return _drawn_in_sides(side_cells, bend_cells, picture, period, most)
 
 
 def _drawn_in_sides(
     side_cells: Float[np.ndarray, "patches 2 2"],
+    bend_cells: Float[np.ndarray, "patches 2 2 2"],
     picture: Callable[..., tuple[np.ndarray, np.ndarray]],
     period: int,
     most: int,
@@ -106,17 +120,17 @@ def _drawn_in_sides(
 
     Parameters
     ----------
-    side_cells : The pattern's units along both axes, in columns.
+    side_cells, bend_cells : S and B of the pattern's units.
     picture : Of the patch's number, the places of samples in these units, half the
         width of a sample in them, as wide as the ramp of an edge, and the taper.
     """
-    size, places = _PER_CELL * period, _places(period)
+    per_cell = _samples_per_cell(period, most)
+    size, places = per_cell * period, _places(period, per_cell)
     kept = _taper(places, period).reshape(size, size)
     drawn = np.zeros((2, len(side_cells), 2 * most + 1, most + 1), np.complex64)
     for k, of_patch in enumerate(side_cells):
-        inverse = np.linalg.inv(of_patch)
-        ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
-        sides = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
+        ramp = np.hypot(*np.linalg.inv(of_patch).T) / (2 * per_cell)
+        sides = _in_units(places, of_patch, bend_cells[k]).reshape(size, size, 2)
         for part, drawing in enumerate(picture(k, sides, ramp, kept)):
             drawn[part, k] = _amplitudes(drawing, most)
     return drawn[0], drawn[1]
@@ -124,6 +138,7 @@ def _drawn_in_sides(
 
 def rim_transfers(
     disc_cells: Float[np.ndarray, "rims 2 2"],
+    bend_cells: Float[np.ndarray, "rims 2 2 2"],
     to_middle_cells: Float[np.ndarray, "rims 2"],
     neighbour_offsets_cells: Float[np.ndarray, "rims neighbours 2"],
     period: int,
@@ -133,12 +148,14 @@ def rim_transfers(
 
     Parameters
     ----------
-    disc_cells : From the unit disc to the image of the dot.
+    disc_cells : S: from the unit disc to the image of the dot, at the rim.
+    bend_cells : B, the place on its first axis.
     to_middle_cells : From the rim to the middle of the dot.
     neighbour_offsets_cells : From the middle to dots of the same size; NaN for none.
     period, most : As for `square_transfers`.
     """
-    size, places = _PER_CELL * period, _places(period)
+    per_cell = _samples_per_cell(period, most)
+    size, places = per_cell * period, _places(period, per_cell)
     kept = _taper(places, period).reshape(size, size)
     drawn = np.zeros((len(disc_cells), 2 * most + 1, most + 1), np.complex64)
     for k, disc in enumerate(disc_cells):
@@ -147,7 +164,9 @@ def rim_transfers(
         ]
         middles = to_middle_cells[k] + np.concatenate([np.zeros((1, 2)), beside])
         near = np.linalg.norm(middles, axis=-1) < period + np.abs(disc).sum()
-        light = sum(_disc(places - middle, disc) for middle in middles[near])
+        at = _in_units(places, disc, bend_cells[k])
+        middles = _in_units(middles[near], disc, bend_cells[k])
+        light = sum(_unit_disc(at - middle, disc, per_cell) for middle in middles)
         picture = _MEAN + (np.reshape(light, (size, size)) - _MEAN) * kept
         drawn[k] = _amplitudes(picture, most)
     return drawn
@@ -174,22 +193,41 @@ def is_square_ahead_bright(
     return np.sum(ahead * light, (1, 2)) > 0
 
 
-def _places(period: int) -> Float[np.ndarray, "samples 2"]:
+def _samples_per_cell(period: int, most: int) -> int:
+    return _PER_WAVE * math.ceil(most / period)
+
+
+def _places(period: int, per_cell: int) -> Float[np.ndarray, "samples 2"]:
     """Of all samples, cells from the middle."""
-    along = (np.arange(_PER_CELL * period) + 0.5) / _PER_CELL - period / 2
+    along = (np.arange(per_cell * period) + 0.5) / per_cell - period / 2
     return np.stack(np.meshgrid(along, along), -1).reshape(-1, 2).astype(np.float32)
 
 
-def _disc(
-    away: Float[np.ndarray, "samples 2"], disc: Float[np.ndarray, "2 2"]
+def _in_units(
+    places: Float[np.ndarray, "places 2"],
+    sides: Float[np.ndarray, "2 2"],
+    bend: Float[np.ndarray, "2 2 2"],
+) -> Float[np.ndarray, "places 2"]:
+    """The units whose images are there, by fixed-point iteration."""
+    inverse = np.linalg.inv(sides)
+    straight = places @ inverse.T.astype(places.dtype)
+    bent = (inverse @ bend.reshape(2, 4) / 2).astype(places.dtype)
+    found = straight
+    for _ in range(_ITERATIONS if bend.any() else 0):
+        square = found[:, :, None] * found[:, None]
+        found = straight - square.reshape(-1, 4) @ bent.T
+    return found
+
+
+def _unit_disc(
+    away: Float[np.ndarray, "samples 2"], disc: Float[np.ndarray, "2 2"], per_cell: int
 ) -> Float[np.ndarray, " samples"]:
-    """1 inside the image of a dot about its middle, 0 outside."""
+    """1 inside a dot, 0 outside, about its middle in units of its radius."""
     inverse = np.linalg.inv(disc)
-    unit = away @ inverse.T
-    reach = np.maximum(np.hypot(*unit.T), _TINY)
+    reach = np.maximum(np.hypot(*away.T), _TINY)
     # Its slope by the place gives the width of the ramp of a sample.
-    slope = np.hypot(*(unit @ inverse).T) / reach
-    return np.clip((1 - reach) / slope * _PER_CELL + 0.5, 0, 1)
+    slope = np.hypot(*(away @ inverse).T) / reach
+    return np.clip((1 - reach) / slope * per_cell + 0.5, 0, 1)
 
 
 def _taper(

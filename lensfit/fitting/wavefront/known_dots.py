@@ -5,6 +5,7 @@ aperture, and how far from the lens that part of the chart is. All of this is ta
 known.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -106,7 +107,7 @@ def dots_of(
     )
     count = len(detection_rows)
     board = adjustment.stack.board[photograph.index][detection_rows]
-    shift, per_board, rim_mm = _places(board, photograph, reference)
+    shift, per_board, rim_mm, board = _places(board, photograph, reference)
     observed = adjustment.stack.observed_mm[photograph.index][detection_rows] - rim_mm
     distance = float(photograph.distortion.principal_distance_mm)
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
@@ -134,58 +135,111 @@ def dots_of(
         cell_mm=np.tile(
             photograph.take.pixel_mm * photograph.dot_images.cell_px, (count, 1)
         ),
-        broad=_broad(photograph, per_board, rim_mm) if broad else None,
+        broad=_broad(photograph, board, per_board, rim_mm) if broad else None,
     )
     if not photograph.take.anamorphic:
         return known
     return known._replace(sections=_sections(shift, photograph.distortion))
 
 
+class _Places(NamedTuple):
+    """Every dot, or the rim of it that is shown.
+
+    Attributes
+    ----------
+    shift : From the reference depth.
+    per_board : d sensor mm / d board mm.
+    rim_mm : From the rim to the middle of its dot, on the sensor; zero of whole dots.
+    board : Nominal place, half boards.
+    """
+
+    shift: ObjectShift
+    per_board: Float[np.ndarray, "dots 2 2"]
+    rim_mm: Float[np.ndarray, "dots 2"]
+    board: Float[np.ndarray, "dots 2"]
+
+
 def _places(
     board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
-) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"], Float[np.ndarray, "dots 2"]]:
-    """Shift from the reference depth and d sensor / d board mm, of every dot or of the
-    rim that is shown; and from that rim to the middle, zero of whole dots."""
+) -> _Places:
+    """Of dots whose middles are at these places of the board."""
     shift, per_board = _object_shifts_and_jacobians(board, photograph, reference)
     if photograph.dot_images.towards_px is None:
-        return shift, per_board, np.zeros((len(board), 2))
+        return _Places(shift, per_board, np.zeros((len(board), 2)), board)
     of_middle, to_rim_mm = per_board, _to_rims_mm(photograph, per_board)
     view = photograph.geometry.adjustment.stack.view
     half_mm = np.asarray(view.half_board_mm)[photograph.index]
-    shift, per_board = _object_shifts_and_jacobians(
-        board + to_rim_mm / half_mm, photograph, reference
-    )
+    at_rim = board + to_rim_mm / half_mm
+    shift, per_board = _object_shifts_and_jacobians(at_rim, photograph, reference)
     middle = (of_middle + per_board) / 2
-    return shift, per_board, -np.einsum("dij,dj->di", middle, to_rim_mm)
+    rim_mm = -np.einsum("dij,dj->di", middle, to_rim_mm)
+    return _Places(shift, per_board, rim_mm, at_rim)
 
 
 def _object_shifts_and_jacobians(
     board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
 ) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
     """`_object_shift_and_jacobian` of places on the board of one photograph."""
-    adjustment, index = photograph.geometry.adjustment, photograph.index
-    layout, numbers = adjustment.layout, np.asarray(adjustment.parameters)
-    factor = jnp.asarray(_depth_factor(photograph))
-    # Of this photograph alone: one program serves shoots of any number of them.
-    shared = jnp.asarray(numbers[: layout.shared])
-    local = jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index])
-    of_all = jax.tree.map(np.asarray, adjustment.stack.view)
-    view = jax.tree.map(lambda a: jnp.asarray(a[index]), of_all)
+    seen_by = _camera_of(photograph)
     return in_batches(
         lambda some: _object_shift_and_jacobian(
-            shared,
-            local,
-            factor,
             jnp.asarray(some),
-            view,
-            layout,
-            adjustment.frame,
+            *seen_by,
+            photograph.geometry.adjustment.layout,
             reference.first_order,
             jnp.asarray(reference.distance_mm),
             jnp.asarray(reference.depth_scale),
         ),
         board,
         _BATCH,
+    )
+
+
+def _bends(
+    board: Float[np.ndarray, "dots 2"],
+    photograph: DotPhotograph,
+    unit_mm: Float[np.ndarray, "dots 2"],
+) -> Float[np.ndarray, "dots 2 2 2"]:
+    """Second derivatives of where points of the board land, sensor mm, by units of so
+    many mm along both axes of the board."""
+    seen_by = _camera_of(photograph)
+    layout = photograph.geometry.adjustment.layout
+    per_half = in_batches(
+        lambda some: _landing_bends(jnp.asarray(some), *seen_by, layout), board, _BATCH
+    )
+    half_mm = np.asarray(photograph.geometry.adjustment.stack.view.half_board_mm)
+    units = unit_mm / half_mm[photograph.index]
+    return per_half * units[:, None, :, None] * units[:, None, None]
+
+
+class _Camera(NamedTuple):
+    """What a photograph sees its board through, of this photograph alone: one program
+    serves shoots of any number of them.
+
+    Attributes
+    ----------
+    shared, local : Parameters of the geometry.
+    factor : On depths (`_depth_factor`).
+    view, frame : As of the adjustment.
+    """
+
+    shared: Float[Array, " shared"]
+    local: Float[Array, " local"]
+    factor: Float[Array, ""]
+    view: BoardPose
+    frame: Frame
+
+
+def _camera_of(photograph: DotPhotograph) -> _Camera:
+    adjustment, index = photograph.geometry.adjustment, photograph.index
+    layout, numbers = adjustment.layout, np.asarray(adjustment.parameters)
+    of_all = jax.tree.map(np.asarray, adjustment.stack.view)
+    return _Camera(
+        jnp.asarray(numbers[: layout.shared]),
+        jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index]),
+        jnp.asarray(_depth_factor(photograph)),
+        jax.tree.map(lambda a: jnp.asarray(a[index]), of_all),
+        adjustment.frame,
     )
 
 
@@ -222,6 +276,7 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
 
 def _broad(
     photograph: DotPhotograph,
+    board: Float[np.ndarray, "dots 2"],
     per_board: Float[np.ndarray, "dots 2 2"],
     rim_mm: Float[np.ndarray, "dots 2"],
 ) -> Broad:
@@ -229,6 +284,7 @@ def _broad(
 
     Parameters
     ----------
+    board : Nominal places, half boards.
     per_board : d sensor mm / d board mm.
     """
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
@@ -237,22 +293,28 @@ def _broad(
     if not seen.are_edges:
         beside = neighbour_offsets_mm(photograph)
         aperture = _aperture(photograph, disc_mm, beside)
+        radius_mm = np.broadcast_to(dot_aperture_radius_mm(photograph), board.shape)
         return undrawn(len(disc_mm))._replace(
             disc_mm=disc_mm,
+            bend_mm=_bends(board, photograph, radius_mm) * rim_mm.any(),
             rim_mm=rim_mm,
             neighbour_offsets_mm=beside,
             size_width=width,
             aperture=aperture,
         )
+    pitch_mm = np.tile(photograph.take.pitch_mm, (len(disc_mm), 1))
     if seen.are_corners:
+        along = _bright_ahead_along(photograph, per_board)
         return undrawn(len(disc_mm))._replace(
-            square_mm=_squares_mm(photograph, per_board),
+            square_mm=per_board * (pitch_mm * along)[:, None],
+            bend_mm=_bends(board, photograph, pitch_mm * along),
             window_cells=np.full(len(disc_mm), _window_cells(photograph)),
             window_squares=np.full(len(disc_mm), window_per_square(seen.markers)),
             lattice=seen.lattice[photograph.dot_images.marks],
             size_width=width,
         )
-    return _lines(photograph, per_board)._replace(size_width=width)
+    bend_mm = _bends(board, photograph, pitch_mm)
+    return _lines(photograph, per_board)._replace(bend_mm=bend_mm, size_width=width)
 
 
 def _lines(
@@ -297,10 +359,11 @@ def _window_cells(photograph: DotPhotograph) -> float:
     return half_width_px(blur_px) / photograph.dot_images.cell_px
 
 
-def _squares_mm(
+def _bright_ahead_along(
     photograph: DotPhotograph, per_board: Float[np.ndarray, "dots 2 2"]
-) -> Float[np.ndarray, "dots 2 2"]:
-    """Sides of the square that is bright ahead of every corner, in columns."""
+) -> Float[np.ndarray, "dots 2"]:
+    """Directions along both axes of the board, 1 ahead and -1 back, between which the
+    square at every corner is a bright one."""
     cut, pixel_mm = photograph.dot_images, photograph.take.pixel_mm
     side_mm = per_board * np.asarray(photograph.take.pitch_mm)
     seen = photograph.take.observations
@@ -314,8 +377,7 @@ def _squares_mm(
             (seen.points_px[cut.marks] - cut.corner_px) / cut.cell_px,
             side_mm / (pixel_mm * cut.cell_px)[:, None],
         )
-    side_mm[~ahead, :, 0] *= -1
-    return side_mm
+    return np.stack([np.where(ahead, 1.0, -1.0), np.ones(len(ahead))], -1)
 
 
 def _aperture(
@@ -406,35 +468,24 @@ def _lateral_mm(
 
 @partial(jax.jit, static_argnames=("layout",))
 def _object_shift_and_jacobian(
+    board: Array,
     shared: Array,
     local: Array,
     factor: Array,
-    board: Array,
     view: BoardPose,
-    layout: GeometryLayout,
     frame: Frame,
+    layout: GeometryLayout,
     first_order: FirstOrder,
     reference_mm: Array,
     depth_scale: Array,
 ) -> tuple[ObjectShift, Array]:
     """Of each detected point: shift from the reference depth, and d sensor / d board
-    mm.
-
-    `factor` corrects depths (`_depth_factor`).
-    """
-    parts = parts_of(shared, local, layout)
-    lens = lens_of(parts, layout, frame)
-
-    def ahead(mark):
-        point = board_point_mm(mark, parts, view, layout)
-        return direction_of(point, parts, view, frame).at[2].multiply(factor)
-
-    def landed(slope):
-        return distorted_from_direction(jnp.append(slope, 1.0), lens)
+    mm."""
+    camera = _Camera(shared, local, factor, view, frame)
+    ahead, landed = _directions_and_landings(camera, layout)
 
     def slope_of(mark):
-        direction = ahead(mark)
-        return direction[:2] / direction[2]
+        return ahead(mark)[:2] / ahead(mark)[2]
 
     def one(mark):
         slope = slope_of(mark)
@@ -445,3 +496,41 @@ def _object_shift_and_jacobian(
         return shift, per_board
 
     return jax.vmap(one)(board)
+
+
+@partial(jax.jit, static_argnames=("layout",))
+def _landing_bends(
+    board: Array,
+    shared: Array,
+    local: Array,
+    factor: Array,
+    view: BoardPose,
+    frame: Frame,
+    layout: GeometryLayout,
+) -> Array:
+    """d2 sensor mm / d board2 of each detected point, half boards."""
+    camera = _Camera(shared, local, factor, view, frame)
+    ahead, landed = _directions_and_landings(camera, layout)
+
+    def landed_mark(mark):
+        return landed(ahead(mark)[:2] / ahead(mark)[2])
+
+    return jax.vmap(jax.hessian(landed_mark))(board)
+
+
+def _directions_and_landings(
+    camera: _Camera, layout: GeometryLayout
+) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """The direction that a mark of the board is seen in, and where a slope lands."""
+    parts = parts_of(camera.shared, camera.local, layout)
+    lens = lens_of(parts, layout, camera.frame)
+
+    def ahead(mark):
+        point = board_point_mm(mark, parts, camera.view, layout)
+        direction = direction_of(point, parts, camera.view, camera.frame)
+        return direction.at[2].multiply(camera.factor)
+
+    def landed(slope):
+        return distorted_from_direction(jnp.append(slope, 1.0), lens)
+
+    return ahead, landed

@@ -22,6 +22,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.wavefront.basis import Basis
+from lensfit.fitting.wavefront.fast_waves import FastWaves, fast_light
 from lensfit.fitting.wavefront.polynomials import polynomials_over
 from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import (
@@ -71,6 +72,7 @@ def equations_of(
     cell_mm: Float[Array, "2"],
     variance_mm2: Float[Array, "*axes"],
     transfer: Transfer | None = None,
+    fast: FastWaves | None = None,
     waves: int = WAVES,
 ) -> Patch:
     """Normal equations of one patch.
@@ -82,6 +84,7 @@ def equations_of(
     design_rays : Of the Gauss-Newton matrix, which needs less accuracy.
     variance_mm2 : As for `profile_of`.
     transfer : Of a broad dot's disc and of its neighbours'.
+    fast : Its sharpest detail, if it is drawn.
     waves : As for `basis_of`; the matrix is made of fewer.
     """
     draw = partial(basis_of, corner_mm, cell_mm, light.shape[0])
@@ -91,6 +94,10 @@ def equations_of(
         design_basis = polynomials_over(spot, design_basis, variance_mm2)
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
+    if fast is not None:
+        patch = corner_mm, cell_mm, light.shape[0], variance_mm2
+        sharp, fast_pullback = jax.vjp(lambda s: fast_light(s, fast, *patch), spot)
+        nuisance_design = nuisance_design.at[:, 0].add(sharp.reshape(-1))
     target, w = light.reshape(-1), weight.reshape(-1)
     if transfer is not None:
         size_slope = draw(transfer.as_size_slope, waves).cell_light(
@@ -118,10 +125,14 @@ def equations_of(
     matrix = matrix + follows.T @ (nuisance.precision[:, None] * follows)
     pull = bright * (w * residual).reshape(light.shape)
     shift = values[2:4] / _not_zero(bright)
+    spot_gradient = spot_gradient_of(spot, profile, -basis.cell_light_transpose(pull))
+    if fast is not None:
+        (of_fast,) = fast_pullback(-pull)
+        spot_gradient = jax.tree.map(jnp.add, spot_gradient, of_fast)
     return Patch(
         matrix,
         jnp.sum(w * residual**2) + nuisance.cost,
-        spot_gradient_of(spot, profile, -basis.cell_light_transpose(pull)),
+        spot_gradient,
         jnp.concatenate([values[:2], shift, nuisance.size_excess[None]]),
         residual,
     )

@@ -268,6 +268,8 @@ def model_of(stage: Stage, sharding: DotSharding) -> Model:
         dots=jax.tree.map(at_places, with_iris(dot_data, stage.blades)),
         pixels=jax.tree.map(at_places, pixels),
         transfer=jax.tree.map(at_places, dot_data.transfer),
+        # A smoothed photograph has no detail that is as sharp.
+        fast=None if stage.smoothing else jax.tree.map(at_places, dot_data.fast_waves),
         scale=dot_data.scale,
         wavelengths_nm=jnp.asarray(dot_data.wavelengths_nm),
         smoothing=jnp.asarray(stage.smoothing**2),

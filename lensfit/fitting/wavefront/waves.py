@@ -17,7 +17,7 @@ ray at x, a Gaussian of variance v, has the amplitudes
 
 along both axes, exact at any place and width. A period is longer than the patch, since
 broad dots reach into it from beyond. There are as many waves as the image has detail:
-few where photograph and model are smoothed.
+few where photograph and model are smoothed; `fast_waves` has what is sharper.
 
 Of large dots a part of the rim is shown, of checkers the squares that meet in a corner,
 of line grids the lines around a sample: these are drawn and transformed (`edges`).
@@ -127,7 +127,7 @@ class Waves(Basis):
     @property
     def numbers(self) -> Float[np.ndarray, " half_size"]:
         """Wave numbers along one axis, of the cosines and of the sines."""
-        return _wave_numbers(self.cells, self.size // 2 - 1)[1]
+        return wave_numbers(self.cells, self.size // 2 - 1)[1]
 
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
         """Amplitudes of every ray, and their change per mm that it moves."""
@@ -229,38 +229,60 @@ def transfers_of(
     cell_mm, cells : Of the patches.
     markers : Of the board of every target; None where it has none.
     """
+    pattern, size_slope = patterns_of(broad, cell_mm, cells, markers, WAVES)
+    edges = are_corners(broad) | are_rims(broad) | are_lines(broad)
+    width = np.asarray(broad.size_width)
+    return Transfer(pattern, size_slope, width, edges.astype(float))
+
+
+def patterns_of(
+    broad: Broad,
+    cell_mm: Float[np.ndarray, "dots 2"],
+    cells: int,
+    markers: Sequence[MarkerBoard | None],
+    most: int,
+) -> tuple[
+    Complex[np.ndarray, "dots down right"], Complex[np.ndarray, "dots down right"]
+]:
+    """`Transfer.pattern` and `Transfer.size_slope` of all targets, in single precision.
+
+    Parameters
+    ----------
+    cell_mm, cells, markers : As for `transfers_of`.
+    most : Waves besides the constant.
+    """
     corners, rims, lines = are_corners(broad), are_rims(broad), are_lines(broad)
-    edges = corners | rims | lines
-    whole = np.flatnonzero(~edges)
-    pattern = np.zeros((len(cell_mm), 2 * WAVES + 1, WAVES + 1), np.complex64)
+    whole = np.flatnonzero(~(corners | rims | lines))
+    pattern = np.zeros((len(cell_mm), 2 * most + 1, most + 1), np.complex64)
     size_slope = np.zeros_like(pattern)
     for start in range(0, len(whole), _AT_ONCE):
         s = whole[start : start + _AT_ONCE]
         pattern[s], size_slope[s] = _disc_transfer(
-            broad.disc_mm[s], broad.neighbour_offsets_mm[s], cell_mm[s], cells
+            broad.disc_mm[s], broad.neighbour_offsets_mm[s], cell_mm[s], cells, most
         )
-    waves = _period(cells), WAVES
-    seen = _cell_response(*_wave_numbers(cells, WAVES))
+    waves = _period(cells), most
+    seen = _cell_response(*wave_numbers(cells, most))
     square_cells = broad.square_mm / cell_mm[:, :, None]
+    bend_cells = broad.bend_mm / cell_mm[:, :, None, None]
     lattice = np.rint(broad.lattice).astype(int)
     about = [
         None if (board := markers[k]) is None else board.about(lattice[k])
         for k in map(int, np.flatnonzero(corners))
     ]
-    squares = square_transfers(square_cells[corners], about, *waves)
+    bent = square_cells[corners], bend_cells[corners]
+    squares = square_transfers(*bent, about, *waves)
     pattern[corners], size_slope[corners] = (seen * part for part in squares)
-    around = line_transfers(
-        square_cells[lines], broad.lattice[lines], broad.line_width[lines], *waves
-    )
+    bent = square_cells[lines], bend_cells[lines]
+    known = broad.lattice[lines], broad.line_width[lines]
+    around = line_transfers(*bent, *known, *waves)
     pattern[lines], size_slope[lines] = (seen * part for part in around)
     disc_cells = broad.disc_mm / cell_mm[:, :, None]
     to_middle_cells = broad.rim_mm / cell_mm
     neighbour_offsets_cells = broad.neighbour_offsets_mm / cell_mm[:, None]
-    pattern[rims] = seen * rim_transfers(
-        disc_cells[rims], to_middle_cells[rims], neighbour_offsets_cells[rims], *waves
-    )
-    width = np.asarray(broad.size_width)
-    return Transfer(pattern, size_slope, width, edges.astype(float))
+    bent = disc_cells[rims], bend_cells[rims]
+    known = to_middle_cells[rims], neighbour_offsets_cells[rims]
+    pattern[rims] = seen * rim_transfers(*bent, *known, *waves)
+    return pattern, size_slope
 
 
 def _disc_transfer(
@@ -268,12 +290,13 @@ def _disc_transfer(
     neighbour_offsets_mm: Float[np.ndarray, "dots neighbours 2"],
     cell_mm: Float[np.ndarray, "dots 2"],
     cells: int,
+    most: int,
 ) -> tuple[
     Complex[np.ndarray, "dots down right"], Complex[np.ndarray, "dots down right"]
 ]:
     """Of some of the dots, and their change by size."""
     period = _period(cells)
-    down, right = _wave_numbers(cells, WAVES)
+    down, right = wave_numbers(cells, most)
     disc = (disc_mm / cell_mm[:, :, None])[..., None, None]
     x = [disc[:, 0, k] * right + disc[:, 1, k] * down[:, None] for k in (0, 1)]
     x = np.maximum(np.hypot(*x), _TINY)
@@ -345,7 +368,7 @@ def _real_of(cotangent: Complex[Array, "down right"]) -> Float[Array, "size size
     return jnp.block([[real, imaginary], [jnp.imag(on - back), jnp.real(back - on)]])
 
 
-def _wave_numbers(
+def wave_numbers(
     cells: int, most: int
 ) -> tuple[Float[np.ndarray, " down"], Float[np.ndarray, " right"]]:
     """Down both ways, and to the right."""

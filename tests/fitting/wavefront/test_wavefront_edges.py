@@ -27,24 +27,40 @@ SIDES = {
     "small, slanted": [[14.0, 6.0], [-5.0, 17.0]],
     "turned": [[60.0, -20.0], [25.0, 55.0]],
 }
+FLAT = np.zeros((1, 2, 2, 2))
+BEND = np.array([[[1.8, 0.4], [0.4, -1.0]], [[-0.6, 1.2], [1.2, 1.6]]])
+"""Second derivatives of the image of squares of some 30 cells, in cells: edges bend by
+a tenth of a cell within the patch."""
 
 
-def chart(sides, blur_cells, wider=0.0):
+def units_of(places, sides, bend):
+    """The pattern's units that land on these places, by fixed-point iteration."""
+    inverse = np.linalg.inv(sides)
+    found = places @ inverse.T
+    for _ in range(20):
+        bent = np.einsum("kij,...i,...j->...k", bend, found, found) / 2
+        found = (places - bent) @ inverse.T
+    return found
+
+
+def chart(sides, blur_cells, wider=0.0, bend=FLAT[0]):
     """Means over cells of the chart behind a Gaussian, its corner in the middle.
 
     Parameters
     ----------
     wider : Share by which bright squares are wider than dark ones would have it.
     """
-    whole = whole_chart(sides, blur_cells, wider)
+    whole = whole_chart(sides, blur_cells, wider, bend=bend)
     return whole[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS]
 
 
-def whole_chart(sides, blur_cells, wider=0.0, fine=16, around=MARGIN_CELLS):
+def whole_chart(
+    sides, blur_cells, wider=0.0, fine=16, around=MARGIN_CELLS, bend=FLAT[0]
+):
     """As far as what blurs into the middle."""
     count = (CELLS + 2 * around) * fine
     along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + around)
-    places = np.stack(np.meshgrid(along, along), -1) @ np.linalg.inv(sides).T
+    places = units_of(np.stack(np.meshgrid(along, along), -1), sides, bend)
     square = np.floor(places)
     off = np.abs(places - np.round(places)).min(-1)
     bright = square.sum(-1) % 2 == 0
@@ -73,15 +89,26 @@ def from_waves(amplitudes, blur_cells):
 @pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
 def test_a_corner_is_as_the_chart_drawn_finely(sides, blur_cells):
-    drawn, _ = square_transfers(np.array([sides]), [None], PERIOD, MOST)
+    drawn, _ = square_transfers(np.array([sides]), FLAT, [None], PERIOD, MOST)
     off = from_waves(drawn[0], blur_cells) - chart(np.array(sides), blur_cells)
+    assert np.abs(off).max() < 3e-3
+    assert np.sqrt(np.mean(off**2)) < 6e-4
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_corner_of_bent_edges_is_as_the_chart_drawn_finely(sign):
+    sides, bend = np.array(SIDES["almost square on"]), sign * BEND
+    drawn, _ = square_transfers(sides[None], bend[None], [None], PERIOD, MOST)
+    bent, straight = (chart(sides, 1.0, bend=b) for b in (bend, FLAT[0]))
+    off = from_waves(drawn[0], 1.0) - bent
+    assert np.sqrt(np.mean((bent - straight) ** 2)) > 5e-3
     assert np.abs(off).max() < 3e-3
     assert np.sqrt(np.mean(off**2)) < 6e-4
 
 
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
 def test_larger_bright_squares_move_every_edge_alike(sides):
-    _, change = square_transfers(np.array([sides]), [None], PERIOD, MOST)
+    _, change = square_transfers(np.array([sides]), FLAT, [None], PERIOD, MOST)
     larger, smaller = (chart(np.array(sides), 1.5, wider) for wider in (0.01, -0.01))
     slope = (larger - smaller) / 0.02
     off = from_waves(change[0], 1.5) - slope
@@ -119,7 +146,7 @@ def test_a_corner_between_markers_is_as_the_board_drawn_finely(corner):
     ahead = markers.is_bright_ahead(np.array([corner]))[0]
     sides = BOARD_SIDES * ([1, 1] if ahead else [-1, 1])
     drawn, change = square_transfers(
-        np.array([sides]), [markers.about(np.array(corner))], PERIOD, MOST
+        np.array([sides]), FLAT, [markers.about(np.array(corner))], PERIOD, MOST
     )
     plain = printed_board(BOARD_SIDES, corner, 1.5)
     off = from_waves(drawn[0], 1.5) - plain
@@ -157,7 +184,7 @@ def lines(sides, place, width, blur_cells, fine=16, around=MARGIN_CELLS):
 def test_lines_are_as_the_chart_drawn_finely(name, blur_cells, dark):
     place, width = LINES[name]
     sides = np.array(SIDES["almost square on"])
-    known = np.array([sides]), np.array([place])
+    known = np.array([sides]), FLAT, np.array([place])
     signed = (-1 if dark else 1) * np.array([width])
     drawn, _ = line_transfers(*known, signed, PERIOD, MOST)
     wanted = lines(sides, place, width, blur_cells)
@@ -170,7 +197,7 @@ def test_lines_are_as_the_chart_drawn_finely(name, blur_cells, dark):
 def test_wider_lines_move_both_edges_alike(name):
     place, width = LINES[name]
     sides = np.array(SIDES["almost square on"])
-    known = np.array([sides]), np.array([place]), np.array([width])
+    known = np.array([sides]), FLAT, np.array([place]), np.array([width])
     _, change = line_transfers(*known, PERIOD, MOST)
     share = 0.1
     wider, thinner = (
@@ -250,14 +277,15 @@ def test_a_modelled_corner_goes_with_its_image():
     np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 0.04, atol=0.03)
 
 
-def dots_drawn(disc, to_middle, beside, blur_cells, fine=16):
+def dots_drawn(disc, to_middle, beside, blur_cells, fine=16, bend=FLAT[0]):
     """Means over cells of a dot and one beside it about a place on its rim."""
     count = (CELLS + 2 * MARGIN_CELLS) * fine
     along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + MARGIN_CELLS)
     places = np.stack(np.meshgrid(along, along), -1)
     light = np.zeros((count, count))
+    units = units_of(places, disc, bend)
     for middle in (to_middle, to_middle + beside):
-        unit = (places - middle) @ np.linalg.inv(disc).T
+        unit = units - units_of(middle, disc, bend)
         light += np.hypot(unit[..., 0], unit[..., 1]) < 1
     blurred = gaussian_filter(light, blur_cells * fine, truncate=6)
     wide = CELLS + 2 * MARGIN_CELLS
@@ -272,9 +300,23 @@ def test_a_rim_is_as_the_dots_drawn_finely(radius_cells, blur_cells):
     disc = radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
     towards = np.array([0.6, -0.8])
     to_middle, beside = -disc @ towards, disc @ np.array([2.3, -0.4])
-    drawn = rim_transfers(disc[None], to_middle[None], beside[None, None], PERIOD, MOST)
+    known = disc[None], FLAT, to_middle[None], beside[None, None]
+    drawn = rim_transfers(*known, PERIOD, MOST)
     truth = dots_drawn(disc, to_middle, beside, blur_cells)
     off = from_waves(drawn[0], blur_cells) - truth
     # Less than .8 % of the contrast where half a cell of blur is all there is.
     assert np.abs(off).max() < (8e-3 if blur_cells < 1 else 3e-3)
     assert np.sqrt(np.mean(off**2)) < 1e-3
+
+
+@pytest.mark.slow
+def test_a_bent_rim_is_as_the_dots_drawn_finely():
+    disc, bend = 24.0 * np.array([[1.0, 0.1], [-0.05, 0.8]]), BEND
+    to_middle, beside = -disc @ np.array([0.6, -0.8]), disc @ np.array([2.3, -0.4])
+    known = disc[None], bend[None], to_middle[None], beside[None, None]
+    drawn = rim_transfers(*known, PERIOD, MOST)
+    bent = dots_drawn(disc, to_middle, beside, 1.0, bend=bend)
+    straight = dots_drawn(disc, to_middle, beside, 1.0)
+    assert np.sqrt(np.mean((bent - straight) ** 2)) > 8e-3
+    off = from_waves(drawn[0], 1.0) - bent
+    assert np.sqrt(np.mean(off**2)) < 0.1 * np.sqrt(np.mean((bent - straight) ** 2))
