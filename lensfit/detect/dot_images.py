@@ -129,6 +129,8 @@ def dot_images_about(
     if not marks.are_lines:
         own_cells = own_cells & _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
+    if marks.are_edges:
+        light = _continued_beyond_frame(light, cells.inside)
     usable = cells.measured & own_cells[:, None]
     if marks.are_dark_dots:
         usable = usable & ~clipped
@@ -216,6 +218,18 @@ def _cells(
         if np.isfinite(saturation):
             clipped[k] = (cells >= saturation).any((2, 4))
     return _Cells(light, clipped, measured, inside)
+
+
+def _continued_beyond_frame(light: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Cells outside the frame as the nearest ones in it. Edges leave the frame, and a
+    fit that smooths patches mixes in what lies there."""
+    found = light.copy()
+    for k in np.flatnonzero(inside.any((1, 2)) & ~inside.all((1, 2))):
+        rows, columns = (np.flatnonzero(inside[k].any(axis)) for axis in (1, 0))
+        every = np.arange(CELLS)
+        nearest = (np.clip(every, known[0], known[-1]) for known in (rows, columns))
+        found[k] = light[k][:, *np.ix_(*nearest)]
+    return found
 
 
 def _light_taken(light: np.ndarray, usable: np.ndarray) -> np.ndarray:

@@ -296,3 +296,17 @@ def test_corners_are_cut_as_wide_as_their_edges_are_blurred():
         # They are not turned about, as dark dots are.
         np.testing.assert_array_equal(found.light, 1.0)
         assert cut_rims(picture, seen, found) is None
+
+
+def test_around_a_corner_the_picture_goes_on_beyond_the_frame():
+    rows = np.arange(SIZE[1], dtype=float)[:, None] / SIZE[1]
+    picture = photograph_of(np.broadcast_to(rows, SIZE[::-1]).copy())
+    points = np.array([[5.0, 100.0], [200.0, 150.0]])
+    seen = found_marks(points, SIZE, edge_blur_px=np.full(2, 0.6), bright=False)
+    found = cut_dot_images(picture, seen)
+    assert found is not None
+    beyond = ~found.valid[0, 1]
+    assert beyond.any()
+    assert not beyond[:, CELLS // 2 :].any()
+    within = found.light[0, 1, :, -1:]
+    np.testing.assert_allclose(found.light[0, 1], np.repeat(within, CELLS, 1))

@@ -6,7 +6,6 @@ to where the dots were found. The order of the stages is that of `descent`.
 Dots are sharded over the cores: each takes every so many-th.
 """
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,13 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.ndimage import gaussian_filter, minimum_filter
+from scipy.ndimage import gaussian_filter
 
 from lensfit.fitting.device_mesh import cores
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.systematic import covariance_of_equations
 from lensfit.fitting.trial import Statistics
-from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels, show_edges
+from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels
 from lensfit.fitting.wavefront.dot_data import WIDE_OPEN, Beam, DotData, widen_beam
 from lensfit.fitting.wavefront.dot_weights import (
     MODEL_SHARE,
@@ -85,8 +84,6 @@ fine stages of most shoots. Filled places cost memory, and no pass goes over the
 _TOLERANCE = 2e-3
 _DAMPING = 1e-3
 _MOST_STEPS = 12
-_SMOOTHING_REACH = 2.0
-"""How far smoothing mixes cells, in its standard deviations."""
 _BROAD_RAYS = 384
 """Of the image of a broad dot that is smoothed."""
 _BROAD_DESIGN_RAYS = 192
@@ -261,8 +258,7 @@ def model_of(stage: Stage, sharding: DotSharding) -> Model:
     """Arrays of a pass, every dot at its core's place, in single precision."""
     dot_data = stage.dot_data
     light = smooth_patches(dot_data.light, stage.smoothing)
-    weight = stage.weight * _knows_surroundings(stage)
-    pixels = Pixels(light, weight, stage.corner_mm, folds_of(dot_data))
+    pixels = Pixels(light, stage.weight, stage.corner_mm, folds_of(dot_data))
 
     def at_places(array: np.ndarray) -> jax.Array:
         rows = np.asarray(array)[sharding.rows]
@@ -296,15 +292,6 @@ def folds_of(dot_data: DotData) -> np.ndarray:
         mine = np.flatnonzero(dot_data.take == k)
         fold[mine] = 2 * (k % (FOLDS // 2)) + np.arange(len(mine)) % 2
     return fold
-
-
-def _knows_surroundings(stage: Stage) -> Bool[np.ndarray, "dots 3 rows columns"]:
-    """Cells whose surroundings are known as far as smoothing mixes them in. Edges leave
-    the patch, and a bright chart ends where the frame does."""
-    margin = math.ceil(_SMOOTHING_REACH * stage.smoothing)
-    side = 2 * margin + 1
-    known = minimum_filter(stage.dot_data.valid, (1, 1, side, side), mode="constant")
-    return known | ~show_edges(stage.dot_data.dots)[:, None, None, None]
 
 
 def smooth_patches(light: np.ndarray, cells: float) -> np.ndarray:
