@@ -5,8 +5,6 @@ aperture, and how far from the lens that part of the chart is. All of this is ta
 known.
 """
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -18,17 +16,11 @@ from lensfit.batches import in_batches
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, windows_of
 from lensfit.detect.corner_fit import half_width_px
 from lensfit.detect.corners import window_per_square
-from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.geometry import (
-    BoardPose,
-    Frame,
-    board_point_mm,
-    direction_of,
-    lens_of,
-    parts_of,
+from lensfit.fitting.wavefront.board_places import (
+    landing_bends_mm,
+    object_shifts_and_jacobians,
 )
-from lensfit.fitting.parameters import Layout as GeometryLayout
 from lensfit.fitting.wavefront.dot_aperture import (
     DotAperture,
     dot_aperture_of,
@@ -53,10 +45,9 @@ from lensfit.optics.depth import (
     ObjectShift,
     Sections,
     log_squeeze,
-    object_shift,
     sections_of,
 )
-from lensfit.optics.distortion import Distortion, distorted_from_direction
+from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift, channel_from_green
 from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
@@ -163,84 +154,18 @@ def _places(
     board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
 ) -> _Places:
     """Of dots whose middles are at these places of the board."""
-    shift, per_board = _object_shifts_and_jacobians(board, photograph, reference)
+    seen_from = reference.first_order, reference.distance_mm, reference.depth_scale
+    shift, per_board = object_shifts_and_jacobians(board, photograph, *seen_from)
     if photograph.dot_images.towards_px is None:
         return _Places(shift, per_board, np.zeros((len(board), 2)), board)
     of_middle, to_rim_mm = per_board, _to_rims_mm(photograph, per_board)
     view = photograph.geometry.adjustment.stack.view
     half_mm = np.asarray(view.half_board_mm)[photograph.index]
     at_rim = board + to_rim_mm / half_mm
-    shift, per_board = _object_shifts_and_jacobians(at_rim, photograph, reference)
+    shift, per_board = object_shifts_and_jacobians(at_rim, photograph, *seen_from)
     middle = (of_middle + per_board) / 2
     rim_mm = -np.einsum("dij,dj->di", middle, to_rim_mm)
     return _Places(shift, per_board, rim_mm, at_rim)
-
-
-def _object_shifts_and_jacobians(
-    board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
-) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
-    """`_object_shift_and_jacobian` of places on the board of one photograph."""
-    seen_by = _camera_of(photograph)
-    return in_batches(
-        lambda some: _object_shift_and_jacobian(
-            jnp.asarray(some),
-            *seen_by,
-            photograph.geometry.adjustment.layout,
-            reference.first_order,
-            jnp.asarray(reference.distance_mm),
-            jnp.asarray(reference.depth_scale),
-        ),
-        board,
-        _BATCH,
-    )
-
-
-def _bends(
-    board: Float[np.ndarray, "dots 2"],
-    photograph: DotPhotograph,
-    unit_mm: Float[np.ndarray, "dots 2"],
-) -> Float[np.ndarray, "dots 2 2 2"]:
-    """Second derivatives of where points of the board land, sensor mm, by units of so
-    many mm along both axes of the board."""
-    seen_by = _camera_of(photograph)
-    layout = photograph.geometry.adjustment.layout
-    per_half = in_batches(
-        lambda some: _landing_bends(jnp.asarray(some), *seen_by, layout), board, _BATCH
-    )
-    half_mm = np.asarray(photograph.geometry.adjustment.stack.view.half_board_mm)
-    units = unit_mm / half_mm[photograph.index]
-    return per_half * units[:, None, :, None] * units[:, None, None]
-
-
-class _Camera(NamedTuple):
-    """What a photograph sees its board through, of this photograph alone: one program
-    serves shoots of any number of them.
-
-    Attributes
-    ----------
-    shared, local : Parameters of the geometry.
-    factor : On depths (`_depth_factor`).
-    view, frame : As of the adjustment.
-    """
-
-    shared: Float[Array, " shared"]
-    local: Float[Array, " local"]
-    factor: Float[Array, ""]
-    view: BoardPose
-    frame: Frame
-
-
-def _camera_of(photograph: DotPhotograph) -> _Camera:
-    adjustment, index = photograph.geometry.adjustment, photograph.index
-    layout, numbers = adjustment.layout, np.asarray(adjustment.parameters)
-    of_all = jax.tree.map(np.asarray, adjustment.stack.view)
-    return _Camera(
-        jnp.asarray(numbers[: layout.shared]),
-        jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index]),
-        jnp.asarray(_depth_factor(photograph)),
-        jax.tree.map(lambda a: jnp.asarray(a[index]), of_all),
-        adjustment.frame,
-    )
 
 
 def _to_rims_mm(
@@ -293,10 +218,14 @@ def _broad(
     if not seen.are_edges:
         beside = neighbour_offsets_mm(photograph)
         aperture = _aperture(photograph, disc_mm, beside)
-        radius_mm = np.broadcast_to(dot_aperture_radius_mm(photograph), board.shape)
-        return undrawn(len(disc_mm))._replace(
+        found = undrawn(len(disc_mm))
+        if rim_mm.any():
+            radius_mm = np.full(board.shape, dot_aperture_radius_mm(photograph))
+            found = found._replace(
+                bend_mm=landing_bends_mm(board, photograph, radius_mm)
+            )
+        return found._replace(
             disc_mm=disc_mm,
-            bend_mm=_bends(board, photograph, radius_mm) * rim_mm.any(),
             rim_mm=rim_mm,
             neighbour_offsets_mm=beside,
             size_width=width,
@@ -307,13 +236,13 @@ def _broad(
         along = _bright_ahead_along(photograph, per_board)
         return undrawn(len(disc_mm))._replace(
             square_mm=per_board * (pitch_mm * along)[:, None],
-            bend_mm=_bends(board, photograph, pitch_mm * along),
+            bend_mm=landing_bends_mm(board, photograph, pitch_mm * along),
             window_cells=np.full(len(disc_mm), _window_cells(photograph)),
             window_squares=np.full(len(disc_mm), window_per_square(seen.markers)),
             lattice=seen.lattice[photograph.dot_images.marks],
             size_width=width,
         )
-    bend_mm = _bends(board, photograph, pitch_mm)
+    bend_mm = landing_bends_mm(board, photograph, pitch_mm)
     return _lines(photograph, per_board)._replace(bend_mm=bend_mm, size_width=width)
 
 
@@ -406,25 +335,6 @@ def _aperture(
     )
 
 
-def _depth_factor(photograph: DotPhotograph) -> float:
-    """Correction factor of the geometry's depths.
-
-    Blur moves centroids outward at some f-numbers (`aperture_shift`), which looks like
-    a nearer board. The factor is the median ratio of measured distance to fitted depth
-    over the takes of that state and f-number.
-    """
-    ratios = [
-        (take.target_distance_mm - photograph.pupil_offset_mm) / depth_mm
-        for take, depth_mm in zip(
-            photograph.geometry.takes,
-            fitted_depths_mm(photograph.geometry.adjustment),
-            strict=True,
-        )
-        if take.target_distance_mm and take.f_number == photograph.take.f_number
-    ]
-    return float(np.median(ratios)) if ratios else 1.0
-
-
 def _lateral_within_bands_mm(
     photograph: DotPhotograph, observed_mm: np.ndarray, bands: Bands
 ) -> np.ndarray:
@@ -464,73 +374,3 @@ def _lateral_mm(
         return moved - jnp.mean(moved, 1, keepdims=True)
 
     return jax.vmap(one)(points)
-
-
-@partial(jax.jit, static_argnames=("layout",))
-def _object_shift_and_jacobian(
-    board: Array,
-    shared: Array,
-    local: Array,
-    factor: Array,
-    view: BoardPose,
-    frame: Frame,
-    layout: GeometryLayout,
-    first_order: FirstOrder,
-    reference_mm: Array,
-    depth_scale: Array,
-) -> tuple[ObjectShift, Array]:
-    """Of each detected point: shift from the reference depth, and d sensor / d board
-    mm."""
-    camera = _Camera(shared, local, factor, view, frame)
-    ahead, landed = _directions_and_landings(camera, layout)
-
-    def slope_of(mark):
-        return ahead(mark)[:2] / ahead(mark)[2]
-
-    def one(mark):
-        slope = slope_of(mark)
-        per_slope = jax.jacfwd(landed)(slope)
-        per_board = per_slope @ jax.jacfwd(slope_of)(mark) / view.half_board_mm[None]
-        distance = depth_scale * ahead(mark)[2] + first_order.entrance_pupil_offset_mm
-        shift = object_shift(slope, per_slope, first_order, reference_mm, distance)
-        return shift, per_board
-
-    return jax.vmap(one)(board)
-
-
-@partial(jax.jit, static_argnames=("layout",))
-def _landing_bends(
-    board: Array,
-    shared: Array,
-    local: Array,
-    factor: Array,
-    view: BoardPose,
-    frame: Frame,
-    layout: GeometryLayout,
-) -> Array:
-    """d2 sensor mm / d board2 of each detected point, half boards."""
-    camera = _Camera(shared, local, factor, view, frame)
-    ahead, landed = _directions_and_landings(camera, layout)
-
-    def landed_mark(mark):
-        return landed(ahead(mark)[:2] / ahead(mark)[2])
-
-    return jax.vmap(jax.hessian(landed_mark))(board)
-
-
-def _directions_and_landings(
-    camera: _Camera, layout: GeometryLayout
-) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """The direction that a mark of the board is seen in, and where a slope lands."""
-    parts = parts_of(camera.shared, camera.local, layout)
-    lens = lens_of(parts, layout, camera.frame)
-
-    def ahead(mark):
-        point = board_point_mm(mark, parts, camera.view, layout)
-        direction = direction_of(point, parts, camera.view, camera.frame)
-        return direction.at[2].multiply(camera.factor)
-
-    def landed(slope):
-        return distorted_from_direction(jnp.append(slope, 1.0), lens)
-
-    return ahead, landed

@@ -99,16 +99,10 @@ def equations_of(
         sharp, fast_pullback = jax.vjp(lambda s: fast_light(s, fast, *patch), spot)
         nuisance_design = nuisance_design.at[:, 0].add(sharp.reshape(-1))
     target, w = light.reshape(-1), weight.reshape(-1)
-    if transfer is not None:
-        size_slope = draw(transfer.as_size_slope, waves).cell_light(
-            image_of(spot, profile)
-        )
-        slopes = _slopes(basis.cells, light.dtype)
-        uneven = transfer.edges * nuisance_design[:, :1] * slopes
-        parts = [nuisance_design, slopes, uneven, size_slope.reshape(-1, 1)]
-        nuisance_design = jnp.concatenate(parts, -1)
     nuisance_prior = None
     if transfer is not None:
+        sized = draw(transfer.as_size_slope, waves).cell_light(image_of(spot, profile))
+        nuisance_design = _with_uneven_light(nuisance_design, sized, transfer.edges)
         nuisance_prior = _NuisancePrior(transfer.width, jnp.max(cell_mm))
     nuisance = _best_nuisance(nuisance_design, target, w, nuisance_prior)
     if transfer is not None:
@@ -212,6 +206,18 @@ def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:
     drawn = jnp.stack([image_of(spot, profile), *_shift_slopes(spot, profile)])
     image, across, down = basis.cell_light(drawn).reshape(3, -1)
     return jnp.stack([image, jnp.ones_like(image), across, down], -1)
+
+
+def _with_uneven_light(
+    design: Float[Array, "cells2 4"],
+    size_slope: Float[Array, "cells cells"],
+    edges: Float[Array, ""],
+) -> Float[Array, "cells2 9"]:
+    """The nuisance of a broad target: slopes of the background, of edges slopes of the
+    bright part too, and its size."""
+    slopes = _slopes(len(size_slope), design.dtype)
+    uneven = edges * design[:, :1] * slopes
+    return jnp.concatenate([design, slopes, uneven, size_slope.reshape(-1, 1)], -1)
 
 
 def _slopes(cells: int, dtype: DTypeLike) -> Float[Array, "cells2 2"]:
