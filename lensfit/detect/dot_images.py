@@ -226,9 +226,9 @@ def _continued_beyond_frame(light: np.ndarray, inside: np.ndarray) -> np.ndarray
     found = light.copy()
     for k in np.flatnonzero(inside.any((1, 2)) & ~inside.all((1, 2))):
         rows, columns = (np.flatnonzero(inside[k].any(axis)) for axis in (1, 0))
-        every = np.arange(CELLS)
-        nearest = (np.clip(every, known[0], known[-1]) for known in (rows, columns))
-        found[k] = light[k][:, *np.ix_(*nearest)]
+        beyond = [(seen[0], CELLS - 1 - seen[-1]) for seen in (rows, columns)]
+        known = light[k][:, *np.ix_(rows, columns)]
+        found[k] = np.pad(known, [(0, 0), *beyond], mode="edge")
     return found
 
 

@@ -124,8 +124,7 @@ def _least_move(
     slope : Half the gradient.
     """
     free = np.flatnonzero(stage.deviation > 0)
-    matrix = np.asarray(stage.equations.matrix).sum(0) + held.T @ held
-    matrix = matrix[np.ix_(free, free)]
+    matrix = stage.matrix_of_dots(free) + held[:, free].T @ held[:, free]
     matrix = matrix + stage.prior_matrix(free, stage.deviation[free])
     move = np.zeros(stage.layout.size)
     move[free] = -np.linalg.solve(matrix, slope[free])

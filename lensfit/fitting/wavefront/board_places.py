@@ -2,13 +2,13 @@
 turned and bent around them.
 
 The geometry of a photograph gives all of this: the pose of its board, the entrance
-pupil and distortion. Places are in half boards, as in `fitting.view_stack`.
+pupil and distortion. It maps from the board, in half boards as in `fitting.view_stack`,
+to the sensor, in mm right and down.
 """
 
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,15 +33,53 @@ from lensfit.optics.paraxial import FirstOrder
 _BATCH = 512
 
 
+class SeenBoard(eqx.Module):
+    """The board of one photograph and the geometry that it is seen through. It holds
+    nothing of other photographs: one program serves shoots of any number of them.
+
+    Attributes
+    ----------
+    shared, local : Parameters of the geometry.
+    depth_factor : On depths (`_depth_factor`).
+    view, frame, layout : As of the adjustment.
+    """
+
+    shared: Float[Array, " shared"]
+    local: Float[Array, " local"]
+    depth_factor: Float[Array, ""]
+    view: BoardPose
+    frame: Frame
+    layout: GeometryLayout = eqx.field(static=True)
+
+    @property
+    def half_board_mm(self) -> Float[np.ndarray, "2"]:
+        """The unit of places along both axes."""
+        return np.asarray(self.view.half_board_mm)
+
+
+def seen_board_of(photograph: DotPhotograph) -> SeenBoard:
+    """The board of a photograph, as its geometry was fitted."""
+    adjustment, index = photograph.geometry.adjustment, photograph.index
+    layout, numbers = adjustment.layout, np.asarray(adjustment.parameters)
+    of_all = jax.tree.map(np.asarray, adjustment.stack.view)
+    return SeenBoard(
+        jnp.asarray(numbers[: layout.shared]),
+        jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index]),
+        jnp.asarray(_depth_factor(photograph)),
+        jax.tree.map(lambda a: jnp.asarray(a[index]), of_all),
+        adjustment.frame,
+        layout,
+    )
+
+
 def object_shifts_and_jacobians(
-    board: Float[np.ndarray, "dots 2"],
-    photograph: DotPhotograph,
+    places: Float[np.ndarray, "dots 2"],
+    board: SeenBoard,
     first_order: FirstOrder,
     reference_mm: float,
-    depth_scale: float = 1.0,
+    depth_scale: float,
 ) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
-    """Shifts from the reference depth, and d sensor mm / d board mm, of places on the
-    board of one photograph, half boards.
+    """Shifts of places from the reference depth, and d sensor mm / d board mm there.
 
     Parameters
     ----------
@@ -49,67 +87,26 @@ def object_shifts_and_jacobians(
     reference_mm : Distance from the sensor at which the aberrations hold.
     depth_scale : Factor on the depths of the geometry.
     """
-    seen_by = _camera_of(photograph)
+    known = board, first_order, jnp.asarray(reference_mm), jnp.asarray(depth_scale)
     return in_batches(
-        lambda some: _object_shift_and_jacobian(
-            jnp.asarray(some),
-            *seen_by,
-            photograph.geometry.adjustment.layout,
-            first_order,
-            jnp.asarray(reference_mm),
-            jnp.asarray(depth_scale),
-        ),
-        board,
+        lambda some: _object_shift_and_jacobian(jnp.asarray(some), *known),
+        places,
         _BATCH,
     )
 
 
 def landing_bends_mm(
-    board: Float[np.ndarray, "dots 2"],
-    photograph: DotPhotograph,
+    places: Float[np.ndarray, "dots 2"],
+    board: SeenBoard,
     unit_mm: Float[np.ndarray, "dots 2"],
 ) -> Float[np.ndarray, "dots 2 2 2"]:
-    """Second derivatives of where points of the board land, sensor mm, by units of so
-    many mm along both axes of the board."""
-    seen_by = _camera_of(photograph)
-    layout = photograph.geometry.adjustment.layout
+    """Second derivatives of where places land, by units of so many mm along both axes
+    of the board; the sensor's axis comes first."""
     per_half = in_batches(
-        lambda some: _landing_bends(jnp.asarray(some), *seen_by, layout), board, _BATCH
+        lambda some: _landing_bends(jnp.asarray(some), board), places, _BATCH
     )
-    half_mm = np.asarray(photograph.geometry.adjustment.stack.view.half_board_mm)
-    units = unit_mm / half_mm[photograph.index]
+    units = unit_mm / board.half_board_mm
     return per_half * units[:, None, :, None] * units[:, None, None]
-
-
-class _Camera(NamedTuple):
-    """What a photograph sees its board through, of this photograph alone: one program
-    serves shoots of any number of them.
-
-    Attributes
-    ----------
-    shared, local : Parameters of the geometry.
-    factor : On depths (`_depth_factor`).
-    view, frame : As of the adjustment.
-    """
-
-    shared: Float[Array, " shared"]
-    local: Float[Array, " local"]
-    factor: Float[Array, ""]
-    view: BoardPose
-    frame: Frame
-
-
-def _camera_of(photograph: DotPhotograph) -> _Camera:
-    adjustment, index = photograph.geometry.adjustment, photograph.index
-    layout, numbers = adjustment.layout, np.asarray(adjustment.parameters)
-    of_all = jax.tree.map(np.asarray, adjustment.stack.view)
-    return _Camera(
-        jnp.asarray(numbers[: layout.shared]),
-        jnp.asarray(numbers[layout.shared :].reshape(-1, layout.local)[index]),
-        jnp.asarray(_depth_factor(photograph)),
-        jax.tree.map(lambda a: jnp.asarray(a[index]), of_all),
-        adjustment.frame,
-    )
 
 
 def _depth_factor(photograph: DotPhotograph) -> float:
@@ -131,71 +128,60 @@ def _depth_factor(photograph: DotPhotograph) -> float:
     return float(np.median(ratios)) if ratios else 1.0
 
 
-@partial(jax.jit, static_argnames=("layout",))
+@jax.jit
 def _object_shift_and_jacobian(
-    board: Array,
-    shared: Array,
-    local: Array,
-    factor: Array,
-    view: BoardPose,
-    frame: Frame,
-    layout: GeometryLayout,
+    places: Array,
+    board: SeenBoard,
     first_order: FirstOrder,
     reference_mm: Array,
     depth_scale: Array,
 ) -> tuple[ObjectShift, Array]:
-    """Of each detected point: shift from the reference depth, and d sensor / d board
-    mm."""
-    camera = _Camera(shared, local, factor, view, frame)
-    ahead, landed = _directions_and_landings(camera, layout)
+    """`object_shifts_and_jacobians` of some places."""
+    direction_to, landed = _directions_and_landings(board)
+    half_mm = board.view.half_board_mm
 
-    def slope_of(mark):
-        return ahead(mark)[:2] / ahead(mark)[2]
+    def slope_of(place):
+        return _slope(direction_to(place))
 
-    def one(mark):
-        slope = slope_of(mark)
+    def one(place):
+        slope = slope_of(place)
         per_slope = jax.jacfwd(landed)(slope)
-        per_board = per_slope @ jax.jacfwd(slope_of)(mark) / view.half_board_mm[None]
-        distance = depth_scale * ahead(mark)[2] + first_order.entrance_pupil_offset_mm
-        shift = object_shift(slope, per_slope, first_order, reference_mm, distance)
+        per_board = per_slope @ jax.jacfwd(slope_of)(place) / half_mm[None]
+        depth_mm = depth_scale * direction_to(place)[2]
+        distance_mm = depth_mm + first_order.entrance_pupil_offset_mm
+        shift = object_shift(slope, per_slope, first_order, reference_mm, distance_mm)
         return shift, per_board
 
-    return jax.vmap(one)(board)
+    return jax.vmap(one)(places)
 
 
-@partial(jax.jit, static_argnames=("layout",))
-def _landing_bends(
-    board: Array,
-    shared: Array,
-    local: Array,
-    factor: Array,
-    view: BoardPose,
-    frame: Frame,
-    layout: GeometryLayout,
-) -> Array:
-    """d2 sensor mm / d board2 of each detected point, half boards."""
-    camera = _Camera(shared, local, factor, view, frame)
-    ahead, landed = _directions_and_landings(camera, layout)
+@jax.jit
+def _landing_bends(places: Array, board: SeenBoard) -> Array:
+    """`landing_bends_mm` by half boards."""
+    direction_to, landed = _directions_and_landings(board)
+    return jax.vmap(jax.hessian(lambda place: landed(_slope(direction_to(place)))))(
+        places
+    )
 
-    def landed_mark(mark):
-        return landed(ahead(mark)[:2] / ahead(mark)[2])
 
-    return jax.vmap(jax.hessian(landed_mark))(board)
+def _slope(direction: Float[Array, "3"]) -> Float[Array, "2"]:
+    """Its lateral parts over depth."""
+    return direction[:2] / direction[2]
 
 
 def _directions_and_landings(
-    camera: _Camera, layout: GeometryLayout
+    board: SeenBoard,
 ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """The direction that a mark of the board is seen in, and where a slope lands."""
-    parts = parts_of(camera.shared, camera.local, layout)
-    lens = lens_of(parts, layout, camera.frame)
+    """The direction from the entrance pupil to a place, and where a slope lands."""
+    parts = parts_of(board.shared, board.local, board.layout)
+    lens = lens_of(parts, board.layout, board.frame)
 
-    def ahead(mark):
-        point = board_point_mm(mark, parts, camera.view, layout)
-        direction = direction_of(point, parts, camera.view, camera.frame)
-        return direction.at[2].multiply(camera.factor)
+    def direction_to(place):
+        point = board_point_mm(place, parts, board.view, board.layout)
+        direction = direction_of(point, parts, board.view, board.frame)
+        return direction.at[2].multiply(board.depth_factor)
 
     def landed(slope):
         return distorted_from_direction(jnp.append(slope, 1.0), lens)
 
-    return ahead, landed
+    return direction_to, landed

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lensfit.detect.marker_board import MarkerBoard
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.chart_view import Widths
@@ -24,7 +23,6 @@ from lensfit.fitting.wavefront.dot_patches import (
     own_cells,
     usable_cells,
 )
-from lensfit.fitting.wavefront.fast_waves import FastWaves, fast_waves_of
 from lensfit.fitting.wavefront.known_dots import Reference, dots_of
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
@@ -133,21 +131,20 @@ class DotData:
         """Transfer functions of the discs of broad dots (`waves`); None for others."""
         if self.dots.broad is None:
             return None
-        return transfers_of(self.dots.broad, *self._drawn_on)
+        return self._transfers(self.dots.broad, sharp=False)
 
     @cached_property
-    def fast_waves(self) -> FastWaves | None:
-        """The sharpest detail of broad dots; None for others."""
+    def sharp_transfer(self) -> Transfer | None:
+        """The same with their sharpest detail."""
         if self.dots.broad is None:
             return None
-        return fast_waves_of(self.dots.broad, *self._drawn_on)
+        return self._transfers(self.dots.broad, sharp=True)
 
-    @property
-    def _drawn_on(self) -> tuple[np.ndarray, int, list[MarkerBoard | None]]:
-        """Width of cells and how many a patch has along a side; board of every dot."""
+    def _transfers(self, broad: Broad, *, sharp: bool) -> Transfer:
         seen = [one.take.observations.markers for one in self.photographs]
         markers = [seen[k] for k in self.take]
-        return self.dots.cell_mm, self.light.shape[-1], markers
+        cells = self.light.shape[-1]
+        return transfers_of(broad, self.dots.cell_mm, cells, markers, sharp=sharp)
 
 
 def dot_data_of(photographs: list[DotPhotograph], bands: Bands) -> DotData:

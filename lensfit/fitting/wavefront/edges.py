@@ -213,7 +213,7 @@ def _in_units(
     straight = places @ inverse.T.astype(places.dtype)
     bent = (inverse @ bend.reshape(2, 4) / 2).astype(places.dtype)
     found = straight
-    for _ in range(_ITERATIONS if bend.any() else 0):
+    for _ in range(_ITERATIONS):
         square = found[:, :, None] * found[:, None]
         found = straight - square.reshape(-1, 4) @ bent.T
     return found

@@ -19,50 +19,13 @@ Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1 and 6.2, on
 functions and their transforms.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
-from lensfit.detect.marker_board import MarkerBoard
-from lensfit.fitting.wavefront.dot_arrays import Broad, Numbers
-from lensfit.fitting.wavefront.waves import WAVES, patterns_of, wave_numbers
+from lensfit.fitting.wavefront.waves import FASTEST, WAVES, FastWaves, wave_numbers
 from lensfit.psf.spot import FOOTPRINT, LEAST_SIGMA_PX, Spot
-
-FASTEST = 96
-"""Two periods in a cell, of a patch of 24 cells."""
-
-
-class FastWaves(NamedTuple):
-    """Amplitudes of the pattern around each broad dot (`waves.Transfer`) in the waves
-    that `waves` leaves out.
-
-    Attributes
-    ----------
-    right : Of those that are fast to the right; down both ways.
-    down : Of those that are fast downwards, both ways.
-    """
-
-    right: Complex[Numbers, "dots down right"]
-    down: Complex[Numbers, "dots down right"]
-
-
-def fast_waves_of(
-    broad: Broad,
-    cell_mm: Float[np.ndarray, "dots 2"],
-    cells: int,
-    markers: Sequence[MarkerBoard | None],
-) -> FastWaves:
-    """Of all targets, integrated over cells; parameters as for `waves.transfers_of`."""
-    pattern, _ = patterns_of(broad, cell_mm, cells, markers, FASTEST)
-    slow = slice(FASTEST - WAVES, FASTEST + WAVES + 1)
-    down = np.delete(pattern, np.r_[slow], 1)
-    return FastWaves(
-        pattern[:, slow, WAVES + 1 :].copy(), down[..., : WAVES + 1].copy()
-    )
 
 
 def fast_light(

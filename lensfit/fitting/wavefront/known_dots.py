@@ -18,8 +18,10 @@ from lensfit.detect.corner_fit import half_width_px
 from lensfit.detect.corners import window_per_square
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.board_places import (
+    SeenBoard,
     landing_bends_mm,
     object_shifts_and_jacobians,
+    seen_board_of,
 )
 from lensfit.fitting.wavefront.dot_aperture import (
     DotAperture,
@@ -97,8 +99,9 @@ def dots_of(
         photograph.dot_images.marks,
     )
     count = len(detection_rows)
-    board = adjustment.stack.board[photograph.index][detection_rows]
-    shift, per_board, rim_mm, board = _places(board, photograph, reference)
+    seen_board = seen_board_of(photograph)
+    marks = adjustment.stack.board[photograph.index][detection_rows]
+    places, rim_mm, shift, per_board = _places(marks, photograph, seen_board, reference)
     observed = adjustment.stack.observed_mm[photograph.index][detection_rows] - rim_mm
     distance = float(photograph.distortion.principal_distance_mm)
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
@@ -126,8 +129,10 @@ def dots_of(
         cell_mm=np.tile(
             photograph.take.pixel_mm * photograph.dot_images.cell_px, (count, 1)
         ),
-        broad=_broad(photograph, board, per_board, rim_mm) if broad else None,
     )
+    if broad:
+        seen = _broad(photograph, seen_board, places, per_board, rim_mm)
+        known = known._replace(broad=seen)
     if not photograph.take.anamorphic:
         return known
     return known._replace(sections=_sections(shift, photograph.distortion))
@@ -138,34 +143,35 @@ class _Places(NamedTuple):
 
     Attributes
     ----------
+    nominal : On the board, half boards.
+    rim_mm : From the rim to the middle of its dot, on the sensor; zero of whole dots.
     shift : From the reference depth.
     per_board : d sensor mm / d board mm.
-    rim_mm : From the rim to the middle of its dot, on the sensor; zero of whole dots.
-    board : Nominal place, half boards.
     """
 
+    nominal: Float[np.ndarray, "dots 2"]
+    rim_mm: Float[np.ndarray, "dots 2"]
     shift: ObjectShift
     per_board: Float[np.ndarray, "dots 2 2"]
-    rim_mm: Float[np.ndarray, "dots 2"]
-    board: Float[np.ndarray, "dots 2"]
 
 
 def _places(
-    board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
+    marks: Float[np.ndarray, "dots 2"],
+    photograph: DotPhotograph,
+    seen_board: SeenBoard,
+    reference: Reference,
 ) -> _Places:
-    """Of dots whose middles are at these places of the board."""
-    seen_from = reference.first_order, reference.distance_mm, reference.depth_scale
-    shift, per_board = object_shifts_and_jacobians(board, photograph, *seen_from)
+    """Of dots whose middles are nominally there on the board, half boards."""
+    known = reference.first_order, reference.distance_mm, reference.depth_scale
+    shift, per_board = object_shifts_and_jacobians(marks, seen_board, *known)
     if photograph.dot_images.towards_px is None:
-        return _Places(shift, per_board, np.zeros((len(board), 2)), board)
+        return _Places(marks, np.zeros_like(marks), shift, per_board)
     of_middle, to_rim_mm = per_board, _to_rims_mm(photograph, per_board)
-    view = photograph.geometry.adjustment.stack.view
-    half_mm = np.asarray(view.half_board_mm)[photograph.index]
-    at_rim = board + to_rim_mm / half_mm
-    shift, per_board = object_shifts_and_jacobians(at_rim, photograph, *seen_from)
-    middle = (of_middle + per_board) / 2
-    rim_mm = -np.einsum("dij,dj->di", middle, to_rim_mm)
-    return _Places(shift, per_board, rim_mm, at_rim)
+    at_rim = marks + to_rim_mm / seen_board.half_board_mm
+    shift, per_board = object_shifts_and_jacobians(at_rim, seen_board, *known)
+    between = (of_middle + per_board) / 2
+    rim_mm = -np.einsum("dij,dj->di", between, to_rim_mm)
+    return _Places(at_rim, rim_mm, shift, per_board)
 
 
 def _to_rims_mm(
@@ -201,7 +207,8 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
 
 def _broad(
     photograph: DotPhotograph,
-    board: Float[np.ndarray, "dots 2"],
+    seen_board: SeenBoard,
+    places: Float[np.ndarray, "dots 2"],
     per_board: Float[np.ndarray, "dots 2 2"],
     rim_mm: Float[np.ndarray, "dots 2"],
 ) -> Broad:
@@ -209,8 +216,7 @@ def _broad(
 
     Parameters
     ----------
-    board : Nominal places, half boards.
-    per_board : d sensor mm / d board mm.
+    places, per_board, rim_mm : As of `_Places`.
     """
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
     width = np.full(len(disc_mm), photograph.take.widths.diameter)
@@ -220,10 +226,9 @@ def _broad(
         aperture = _aperture(photograph, disc_mm, beside)
         found = undrawn(len(disc_mm))
         if rim_mm.any():
-            radius_mm = np.full(board.shape, dot_aperture_radius_mm(photograph))
-            found = found._replace(
-                bend_mm=landing_bends_mm(board, photograph, radius_mm)
-            )
+            radius_mm = np.full(places.shape, dot_aperture_radius_mm(photograph))
+            bend_mm = landing_bends_mm(places, seen_board, radius_mm)
+            found = found._replace(bend_mm=bend_mm)
         return found._replace(
             disc_mm=disc_mm,
             rim_mm=rim_mm,
@@ -236,13 +241,13 @@ def _broad(
         along = _bright_ahead_along(photograph, per_board)
         return undrawn(len(disc_mm))._replace(
             square_mm=per_board * (pitch_mm * along)[:, None],
-            bend_mm=landing_bends_mm(board, photograph, pitch_mm * along),
+            bend_mm=landing_bends_mm(places, seen_board, pitch_mm * along),
             window_cells=np.full(len(disc_mm), _window_cells(photograph)),
             window_squares=np.full(len(disc_mm), window_per_square(seen.markers)),
             lattice=seen.lattice[photograph.dot_images.marks],
             size_width=width,
         )
-    bend_mm = landing_bends_mm(board, photograph, pitch_mm)
+    bend_mm = landing_bends_mm(places, seen_board, pitch_mm)
     return _lines(photograph, per_board)._replace(bend_mm=bend_mm, size_width=width)
 
 

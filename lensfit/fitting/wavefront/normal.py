@@ -19,7 +19,6 @@ from lensfit.fitting.device_mesh import (
     summed_over_cores,
 )
 from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels
-from lensfit.fitting.wavefront.fast_waves import FastWaves
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
 from lensfit.fitting.wavefront.rays import (
@@ -95,7 +94,6 @@ class Model(NamedTuple):
     ----------
     wavelengths_nm : Of each channel, its band as wide as usual.
     transfer : Of broad dots (`waves`); None for others.
-    fast : Their sharpest detail; None where photograph and model are smoothed.
     smoothing : Variance by which model and photograph were both smoothed, cells.
     count : Dots in use, of each core's share; the rest of it is padding.
     ray_groups : Groups of rays that the Gauss-Newton matrix is made of.
@@ -104,7 +102,6 @@ class Model(NamedTuple):
     dots: Dots
     pixels: Pixels
     transfer: Transfer | None
-    fast: FastWaves | None
     scale: Scale
     wavelengths_nm: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
@@ -128,7 +125,6 @@ def normal_equations(
         dots=SHARDED,
         pixels=SHARDED,
         transfer=SHARDED,
-        fast=SHARDED,
         scale=SHARED,
         wavelengths_nm=SHARED,
         smoothing=SHARED,
@@ -157,10 +153,9 @@ def _pass_of_core(
         equations, per_dot = carry
         dot = jax.tree.map(lambda a: a[k], single.dots)
         pixels = jax.tree.map(lambda a: a[k], single.pixels)
-        drawing = single.transfer, single.fast
-        drawing = jax.tree.map(lambda a: a[k], drawing)
+        transfer = jax.tree.map(lambda a: a[k], single.transfer)
         found, gradient = _patches_of_dot(
-            numbers, dot, pixels, drawing, single, layout, points
+            numbers, dot, pixels, transfer, single, layout, points
         )
         fold = pixels.fold
         jacobian = shape_jacobian(dot, layout, single.scale)
@@ -207,7 +202,7 @@ def _patches_of_dot(
     parameters: Array,
     dot: Dots,
     pixels: Pixels,
-    drawing: tuple[Transfer | None, FastWaves | None],
+    transfer: Transfer | None,
     model: Model,
     layout: Layout,
     points: Points,
@@ -232,7 +227,7 @@ def _patches_of_dot(
             corner,
             dot.cell_mm,
             variance,
-            *drawing,
+            transfer,
             points.waves,
         )
         return patch, pullback(patch.spot_gradient)

@@ -22,7 +22,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.wavefront.basis import Basis
-from lensfit.fitting.wavefront.fast_waves import FastWaves, fast_light
+from lensfit.fitting.wavefront.fast_waves import fast_light
 from lensfit.fitting.wavefront.polynomials import polynomials_over
 from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import (
@@ -72,7 +72,6 @@ def equations_of(
     cell_mm: Float[Array, "2"],
     variance_mm2: Float[Array, "*axes"],
     transfer: Transfer | None = None,
-    fast: FastWaves | None = None,
     waves: int = WAVES,
 ) -> Patch:
     """Normal equations of one patch.
@@ -84,7 +83,6 @@ def equations_of(
     design_rays : Of the Gauss-Newton matrix, which needs less accuracy.
     variance_mm2 : As for `profile_of`.
     transfer : Of a broad dot's disc and of its neighbours'.
-    fast : Its sharpest detail, if it is drawn.
     waves : As for `basis_of`; the matrix is made of fewer.
     """
     draw = partial(basis_of, corner_mm, cell_mm, light.shape[0])
@@ -94,6 +92,7 @@ def equations_of(
         design_basis = polynomials_over(spot, design_basis, variance_mm2)
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
+    fast = None if transfer is None else transfer.fast
     if fast is not None:
         patch = corner_mm, cell_mm, light.shape[0], variance_mm2
         sharp, fast_pullback = jax.vjp(lambda s: fast_light(s, fast, *patch), spot)

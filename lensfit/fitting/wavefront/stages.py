@@ -171,6 +171,13 @@ class Stage:
         statements = self.stated_equations.matrix[np.ix_(free, free)]
         return np.diag(deviation**-2.0) + statements
 
+    def matrix_of_dots(
+        self, free: Int[np.ndarray, " free"]
+    ) -> Float[np.ndarray, "free free"]:
+        """Half the second derivative of the dots' sum of squares at the last pass, by
+        some of the parameters."""
+        return np.asarray(self.equations.matrix).sum(0)[np.ix_(free, free)]
+
     @cached_property
     def stated_equations(self) -> Statistics:
         """Of what was stated, at the present values."""
@@ -259,6 +266,8 @@ def model_of(stage: Stage, sharding: DotSharding) -> Model:
     dot_data = stage.dot_data
     light = smooth_patches(dot_data.light, stage.smoothing)
     pixels = Pixels(light, stage.weight, stage.corner_mm, folds_of(dot_data))
+    # A smoothed photograph has no detail that is sharper than the waves of rays.
+    transfer = dot_data.transfer if stage.smoothing else dot_data.sharp_transfer
 
     def at_places(array: np.ndarray) -> jax.Array:
         rows = np.asarray(array)[sharding.rows]
@@ -268,9 +277,7 @@ def model_of(stage: Stage, sharding: DotSharding) -> Model:
     return Model(
         dots=jax.tree.map(at_places, with_iris(dot_data, stage.blades)),
         pixels=jax.tree.map(at_places, pixels),
-        transfer=jax.tree.map(at_places, dot_data.transfer),
-        # A smoothed photograph has no detail that is as sharp.
-        fast=None if stage.smoothing else jax.tree.map(at_places, dot_data.fast_waves),
+        transfer=jax.tree.map(at_places, transfer),
         scale=dot_data.scale,
         wavelengths_nm=jnp.asarray(dot_data.wavelengths_nm),
         smoothing=jnp.asarray(stage.smoothing**2),
@@ -403,7 +410,7 @@ def newton_decrease(stage: Stage) -> float:
     """By how much a full Newton step from the last pass would lower what a solve
     minimises, to second order."""
     free = np.flatnonzero(stage.deviation > 0)
-    matrix = np.asarray(stage.equations.matrix).sum(0)[np.ix_(free, free)]
+    matrix = stage.matrix_of_dots(free)
     matrix = matrix + stage.prior_matrix(free, stage.deviation[free])
     slope = stage.slope[free]
     return float(slope @ covariance_of_equations(matrix) @ slope)

@@ -62,7 +62,7 @@ def covariance_of(
     prior = stage.prior_matrix(
         free, deviation_of(term_groups, stage.layout, LAST)[free]
     )
-    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
+    matrix = stage.matrix_of_dots(free)
     assert stage.solution is not None
     of_channels = np.asarray(stage.solution.per_dot.gradient)
     each = of_channels.sum(1)[:, free]
@@ -109,7 +109,7 @@ def model_errors_of(
     """
     free = indices_of(term_groups)
     square = np.ix_(free, free)
-    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
+    matrix = stage.matrix_of_dots(free)
     precision = deviation_of(term_groups, stage.layout, LAST)[free] ** -2.0
     freer = covariance_of(stage, term_groups)
     held = fixed_stop_ratios(stage, free)
@@ -169,7 +169,7 @@ def parameter_moves(
     # Parameters that the fit left out have no prior: their own deviation is used.
     own = np.sqrt(np.diag(covariance)[free])
     deviation = np.where(stage.deviation[free] > 0, stage.deviation[free], own)
-    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
+    matrix = stage.matrix_of_dots(free)
     # In own deviations, since they differ by many orders.
     scale = np.outer(own, own)
     prior = stage.prior_matrix(free, deviation)

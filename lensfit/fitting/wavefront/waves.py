@@ -65,6 +65,8 @@ MARGIN_CELLS = 12
 WAVES = 40
 """From the slowest on, whose period is patch and surroundings, besides the constant:
 on 24 cells up to five periods in six cells."""
+FASTEST = 96
+"""Of the sharpest detail: two periods in a cell, on 24 cells."""
 DESIGN_WAVES = 28
 """Of the Gauss-Newton matrix, which needs less accuracy: of 28 the matrix of 20-pixel
 dots in focus lacks a fortieth of what their rims tell of high orders, of 14 three
@@ -74,6 +76,20 @@ _CUTOFF = 3.5
 _AT_ONCE = 256
 """Dots whose transfer functions are computed together, limited by memory."""
 _TINY = 1e-9
+
+
+class FastWaves(NamedTuple):
+    """Amplitudes of the pattern around each broad dot in waves faster than `WAVES`
+    along one axis, up to `FASTEST` (`fast_waves`).
+
+    Attributes
+    ----------
+    right : Of those that are fast to the right; down both ways.
+    down : Of those that are fast downwards, both ways.
+    """
+
+    right: Complex[Numbers, "dots down right"]
+    down: Complex[Numbers, "dots down right"]
 
 
 class Transfer(NamedTuple):
@@ -87,12 +103,14 @@ class Transfer(NamedTuple):
         larger; zero for rims, whose position is free.
     width : Standard deviation of that share.
     edges : 1 for edges, 0 for whole discs.
+    fast : The pattern's sharpest detail; None where it is not drawn.
     """
 
     pattern: Complex[Numbers, "dots down right"]
     size_slope: Complex[Numbers, "dots down right"]
     width: Float[Numbers, " dots"]
     edges: Float[Numbers, " dots"]
+    fast: FastWaves | None = None
 
     def with_size_excess(self, size_excess: Float[Array, ""]) -> "Transfer":
         """That of discs larger by this share."""
@@ -221,6 +239,8 @@ def transfers_of(
     cell_mm: Float[np.ndarray, "dots 2"],
     cells: int,
     markers: Sequence[MarkerBoard | None],
+    *,
+    sharp: bool = False,
 ) -> Transfer:
     """Transfer functions of all targets, integrated over cells; in single precision.
 
@@ -228,14 +248,25 @@ def transfers_of(
     ----------
     cell_mm, cells : Of the patches.
     markers : Of the board of every target; None where it has none.
+    sharp : Whether the sharpest detail is drawn too, which takes four times as long.
     """
-    pattern, size_slope = patterns_of(broad, cell_mm, cells, markers, WAVES)
-    edges = are_corners(broad) | are_rims(broad) | are_lines(broad)
-    width = np.asarray(broad.size_width)
-    return Transfer(pattern, size_slope, width, edges.astype(float))
+    most = FASTEST if sharp else WAVES
+    pattern, size_slope = _patterns_of(broad, cell_mm, cells, markers, most)
+    slow = slice(most - WAVES, most + WAVES + 1)
+    fast = None
+    if sharp:
+        down = np.delete(pattern, np.r_[slow], 1)
+        fast = FastWaves(pattern[:, slow, WAVES + 1 :], down[..., : WAVES + 1])
+    return Transfer(
+        pattern[:, slow, : WAVES + 1],
+        size_slope[:, slow, : WAVES + 1],
+        np.asarray(broad.size_width),
+        (are_corners(broad) | are_rims(broad) | are_lines(broad)).astype(float),
+        fast,
+    )
 
 
-def patterns_of(
+def _patterns_of(
     broad: Broad,
     cell_mm: Float[np.ndarray, "dots 2"],
     cells: int,
@@ -269,19 +300,28 @@ def patterns_of(
         None if (board := markers[k]) is None else board.about(lattice[k])
         for k in map(int, np.flatnonzero(corners))
     ]
-    bent = square_cells[corners], bend_cells[corners]
-    squares = square_transfers(*bent, about, *waves)
+    squares = square_transfers(
+        square_cells[corners], bend_cells[corners], about, *waves
+    )
     pattern[corners], size_slope[corners] = (seen * part for part in squares)
-    bent = square_cells[lines], bend_cells[lines]
-    known = broad.lattice[lines], broad.line_width[lines]
-    around = line_transfers(*bent, *known, *waves)
+    around = line_transfers(
+        square_cells[lines],
+        bend_cells[lines],
+        broad.lattice[lines],
+        broad.line_width[lines],
+        *waves,
+    )
     pattern[lines], size_slope[lines] = (seen * part for part in around)
     disc_cells = broad.disc_mm / cell_mm[:, :, None]
     to_middle_cells = broad.rim_mm / cell_mm
     neighbour_offsets_cells = broad.neighbour_offsets_mm / cell_mm[:, None]
-    bent = disc_cells[rims], bend_cells[rims]
-    known = to_middle_cells[rims], neighbour_offsets_cells[rims]
-    pattern[rims] = seen * rim_transfers(*bent, *known, *waves)
+    pattern[rims] = seen * rim_transfers(
+        disc_cells[rims],
+        bend_cells[rims],
+        to_middle_cells[rims],
+        neighbour_offsets_cells[rims],
+        *waves,
+    )
     return pattern, size_slope
 
 

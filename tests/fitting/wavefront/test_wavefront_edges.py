@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from drawn_squares import CELLS, FLAT, units_of, whole_chart
 from scipy.ndimage import (
     distance_transform_edt,
     gaussian_filter,
@@ -21,55 +22,26 @@ from lensfit.fitting.wavefront.edges import (
     square_transfers,
 )
 
-CELLS, PERIOD, MOST, MARGIN_CELLS = 24, 48, 40, 24
+PERIOD, MOST, MARGIN_CELLS = 48, 40, 24
 SIDES = {
     "almost square on": [[30.0, 3.0], [-2.0, 28.0]],
     "small, slanted": [[14.0, 6.0], [-5.0, 17.0]],
     "turned": [[60.0, -20.0], [25.0, 55.0]],
 }
-FLAT = np.zeros((1, 2, 2, 2))
 BEND = np.array([[[1.8, 0.4], [0.4, -1.0]], [[-0.6, 1.2], [1.2, 1.6]]])
 """Second derivatives of the image of squares of some 30 cells, in cells: edges bend by
 a tenth of a cell within the patch."""
 
 
-def units_of(places, sides, bend):
-    """The pattern's units that land on these places, by fixed-point iteration."""
-    inverse = np.linalg.inv(sides)
-    found = places @ inverse.T
-    for _ in range(8 if bend.any() else 0):
-        bent = np.einsum("kij,...i,...j->...k", bend, found, found) / 2
-        found = (places - bent) @ inverse.T
-    return found
-
-
-def chart(sides, blur_cells, wider=0.0, bend=FLAT[0]):
+def chart(sides, blur_cells, wider=0.0, bend=FLAT):
     """Means over cells of the chart behind a Gaussian, its corner in the middle.
 
     Parameters
     ----------
     wider : Share by which bright squares are wider than dark ones would have it.
     """
-    whole = whole_chart(sides, blur_cells, wider, bend=bend)
+    whole = whole_chart(sides, blur_cells, MARGIN_CELLS, wider=wider, bend=bend)
     return whole[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS]
-
-
-def whole_chart(
-    sides, blur_cells, wider=0.0, fine=16, around=MARGIN_CELLS, bend=FLAT[0]
-):
-    """As far as what blurs into the middle."""
-    count = (CELLS + 2 * around) * fine
-    along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + around)
-    places = units_of(np.stack(np.meshgrid(along, along), -1), sides, bend)
-    square = np.floor(places)
-    off = np.abs(places - np.round(places)).min(-1)
-    bright = square.sum(-1) % 2 == 0
-    bright |= off < wider / 2
-    if wider < 0:
-        bright &= off >= -wider / 2
-    blurred = gaussian_filter(bright.astype(float), blur_cells * fine, truncate=6)
-    wide = CELLS + 2 * around
-    return blurred.reshape(wide, fine, wide, fine).mean((1, 3))
 
 
 def from_waves(amplitudes, blur_cells):
@@ -89,7 +61,7 @@ def from_waves(amplitudes, blur_cells):
 @pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
 def test_a_corner_is_as_the_chart_drawn_finely(sides, blur_cells):
-    drawn, _ = square_transfers(np.array([sides]), FLAT, [None], PERIOD, MOST)
+    drawn, _ = square_transfers(np.array([sides]), FLAT[None], [None], PERIOD, MOST)
     off = from_waves(drawn[0], blur_cells) - chart(np.array(sides), blur_cells)
     assert np.abs(off).max() < 3e-3
     assert np.sqrt(np.mean(off**2)) < 6e-4
@@ -98,7 +70,7 @@ def test_a_corner_is_as_the_chart_drawn_finely(sides, blur_cells):
 def test_a_corner_of_bent_edges_is_as_the_chart_drawn_finely():
     sides = np.array(SIDES["almost square on"])
     drawn, _ = square_transfers(sides[None], BEND[None], [None], PERIOD, MOST)
-    bent, straight = (chart(sides, 1.0, bend=bend) for bend in (BEND, FLAT[0]))
+    bent, straight = (chart(sides, 1.0, bend=bend) for bend in (BEND, FLAT))
     off = from_waves(drawn[0], 1.0) - bent
     assert np.sqrt(np.mean((bent - straight) ** 2)) > 5e-3
     assert np.abs(off).max() < 3e-3
@@ -107,7 +79,7 @@ def test_a_corner_of_bent_edges_is_as_the_chart_drawn_finely():
 
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
 def test_larger_bright_squares_move_every_edge_alike(sides):
-    _, change = square_transfers(np.array([sides]), FLAT, [None], PERIOD, MOST)
+    _, change = square_transfers(np.array([sides]), FLAT[None], [None], PERIOD, MOST)
     larger, smaller = (chart(np.array(sides), 1.5, wider) for wider in (0.01, -0.01))
     slope = (larger - smaller) / 0.02
     off = from_waves(change[0], 1.5) - slope
@@ -145,7 +117,7 @@ def test_a_corner_between_markers_is_as_the_board_drawn_finely(corner):
     ahead = markers.is_bright_ahead(np.array([corner]))[0]
     sides = BOARD_SIDES * ([1, 1] if ahead else [-1, 1])
     drawn, change = square_transfers(
-        np.array([sides]), FLAT, [markers.about(np.array(corner))], PERIOD, MOST
+        np.array([sides]), FLAT[None], [markers.about(np.array(corner))], PERIOD, MOST
     )
     plain = printed_board(BOARD_SIDES, corner, 1.5)
     off = from_waves(drawn[0], 1.5) - plain
@@ -183,7 +155,7 @@ def lines(sides, place, width, blur_cells, fine=16, around=MARGIN_CELLS):
 def test_lines_are_as_the_chart_drawn_finely(name, blur_cells, dark):
     place, width = LINES[name]
     sides = np.array(SIDES["almost square on"])
-    known = np.array([sides]), FLAT, np.array([place])
+    known = np.array([sides]), FLAT[None], np.array([place])
     signed = (-1 if dark else 1) * np.array([width])
     drawn, _ = line_transfers(*known, signed, PERIOD, MOST)
     wanted = lines(sides, place, width, blur_cells)
@@ -196,7 +168,7 @@ def test_lines_are_as_the_chart_drawn_finely(name, blur_cells, dark):
 def test_wider_lines_move_both_edges_alike(name):
     place, width = LINES[name]
     sides = np.array(SIDES["almost square on"])
-    known = np.array([sides]), FLAT, np.array([place]), np.array([width])
+    known = np.array([sides]), FLAT[None], np.array([place]), np.array([width])
     _, change = line_transfers(*known, PERIOD, MOST)
     share = 0.1
     wider, thinner = (
@@ -229,7 +201,7 @@ def lopsided(sides):
     """The chart behind that blur, beyond the patch too."""
     blurred = 0.0
     for weight, right, down, deviation in LOPSIDED:
-        one = np.fft.fft2(whole_chart(sides, deviation))
+        one = np.fft.fft2(whole_chart(sides, deviation, MARGIN_CELLS))
         ky, kx = (2 * np.pi * np.fft.fftfreq(n) for n in one.shape)
         moved = one * np.exp(-1j * (ky[:, None] * down + kx * right))
         blurred = blurred + weight * np.real(np.fft.ifft2(moved))
@@ -276,7 +248,7 @@ def test_a_modelled_corner_goes_with_its_image():
     np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 0.04, atol=0.03)
 
 
-def dots_drawn(disc, to_middle, beside, blur_cells, fine=16, bend=FLAT[0]):
+def dots_drawn(disc, to_middle, beside, blur_cells, fine=16, bend=FLAT):
     """Means over cells of a dot and one beside it about a place on its rim."""
     count = (CELLS + 2 * MARGIN_CELLS) * fine
     along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + MARGIN_CELLS)
@@ -299,7 +271,7 @@ def test_a_rim_is_as_the_dots_drawn_finely(radius_cells, blur_cells):
     disc = radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
     towards = np.array([0.6, -0.8])
     to_middle, beside = -disc @ towards, disc @ np.array([2.3, -0.4])
-    known = disc[None], FLAT, to_middle[None], beside[None, None]
+    known = disc[None], FLAT[None], to_middle[None], beside[None, None]
     drawn = rim_transfers(*known, PERIOD, MOST)
     truth = dots_drawn(disc, to_middle, beside, blur_cells)
     off = from_waves(drawn[0], blur_cells) - truth
