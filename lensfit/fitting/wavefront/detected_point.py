@@ -34,7 +34,7 @@ from lensfit.fitting.wavefront.dot_arrays import (
     Dots,
 )
 from lensfit.fitting.wavefront.parameters import Layout, Scale
-from lensfit.fitting.wavefront.patch import spot_gradient_of
+from lensfit.fitting.wavefront.patch_image import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.fitting.wavefront.waves import Transfer, basis_of

@@ -10,8 +10,9 @@ covariance C of its rays,
 
     blur^(k) = exp(-i k m - k C k / 2).
 
-So they cost no sum over rays. Along one axis they are as slow as the others: the image
-of an edge has little detail that is fast both ways.
+So they cost no sum over rays, and change with the lens through six numbers, the
+moments. Along one axis they are as slow as the others: the image of an edge has little
+detail that is fast both ways.
 
 Wave numbers are radians per cell of the patch, from its middle, right and down.
 
@@ -19,24 +20,76 @@ Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1 and 6.2, on
 functions and their transforms.
 """
 
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
+from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import FASTEST, WAVES, FastWaves, wave_numbers
 from lensfit.psf.spot import FOOTPRINT, LEAST_SIGMA_PX, Spot
 
+MOMENTS = 6
+"""Light; mean to the right and down; variance to the right, covariance, that down."""
 
-def fast_light(
+
+class FastImage(eqx.Module):
+    """What these waves add to the image of one dot, and its derivatives.
+
+    Attributes
+    ----------
+    moments : Of the blur of a point, cells (`MOMENTS`).
+    pullback : From a derivative by the moments to that by the spot.
+    slopes : d light / d moment. The light is in proportion to its first.
+    middle_mm, cell_mm : Of the patch.
+    """
+
+    moments: Float[Array, "6"]
+    pullback: Callable[[Float[Array, "6"]], tuple[Spot]]
+    slopes: Float[Array, "cells2 6"]
+    middle_mm: Float[Array, "2"]
+    cell_mm: Float[Array, "2"]
+
+    @property
+    def light(self) -> Float[Array, " cells2"]:
+        """Of every cell, for a brightness of 1."""
+        return self.moments[0] * self.slopes[:, 0]
+
+    @property
+    def shift_slopes(self) -> Float[Array, "cells2 2"]:
+        """d light / d shift right and down."""
+        return self.slopes[:, 1:3] / self.cell_mm[None]
+
+    def of_pattern(self, fast: FastWaves) -> "FastImage":
+        """The same of another pattern."""
+        cells = math.isqrt(len(self.slopes))
+        return replace(self, slopes=_slopes_by_moment(self.moments, fast, cells))
+
+    def design(self, rays: Rays) -> Float[Array, "cells2 shapes"]:
+        """d light / d shape, by rays whose weights sum to 1."""
+        at = self.moments, self.middle_mm, self.cell_mm
+        return self.slopes @ _moment_slopes(rays, *at)
+
+    def spot_gradient(self, pull: Float[Array, " cells2"]) -> Spot:
+        """Sum of `pull` times d light / d spot."""
+        return self.pullback(pull @ self.slopes)[0]
+
+
+def fast_image(
     spot: Spot,
     fast: FastWaves,
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
     cells: int,
     variance_mm2: Float[Array, "*axes"],
-) -> Float[Array, "cells cells"]:
-    """Light that these waves add to the image of one dot.
+) -> FastImage:
+    """Of one dot.
 
     Parameters
     ----------
@@ -44,42 +97,110 @@ def fast_light(
     corner_mm, cell_mm, cells : Of the patch.
     variance_mm2 : Of every ray besides its own width, of both axes or of each.
     """
-    light = jnp.sum(spot.weight)
     middle_mm = corner_mm + cell_mm * cells / 2
+
+    def moments_of(spot: Spot) -> Float[Array, "6"]:
+        return _moments(spot, middle_mm, cell_mm, variance_mm2)
+
+    moments, pullback = jax.vjp(moments_of, spot)
+    slopes = _slopes_by_moment(moments, fast, cells)
+    return FastImage(moments, pullback, slopes, middle_mm, cell_mm)
+
+
+def _moments(
+    spot: Spot,
+    middle_mm: Float[Array, "2"],
+    cell_mm: Float[Array, "2"],
+    variance_mm2: Float[Array, "*axes"],
+) -> Float[Array, "6"]:
+    """Of the blur of a point."""
+    light = jnp.sum(spot.weight)
     x = (spot.landing_mm - middle_mm[None]) / cell_mm[None]
     mean = spot.weight @ x / light
-    off = x - mean[None]
     own_mm2 = variance_mm2 + FOOTPRINT * jnp.mean(spot.cell_mm2)
     own = jnp.broadcast_to(own_mm2, (2,)) / cell_mm**2 + LEAST_SIGMA_PX**2
-    covariance = (spot.weight[:, None] * off).T @ off / light + jnp.diag(own)
+    second = spot.weight @ _squares(x - mean[None]) / light
+    second = second.at[::2].add(own)
+    return jnp.concatenate([light[None], mean, second])
+
+
+def _moment_slopes(
+    rays: Rays,
+    moments: Float[Array, "6"],
+    middle_mm: Float[Array, "2"],
+    cell_mm: Float[Array, "2"],
+) -> Float[Array, "6 shapes"]:
+    """d moment / d shape."""
+    weight = rays.spot.weight
+    off = (rays.spot.landing_mm - middle_mm[None]) / cell_mm[None] - moments[None, 1:3]
+    across, down = (
+        rays.landing_slopes_mm[:, axis] * (weight / cell_mm[axis])[None]
+        for axis in (0, 1)
+    )
+    by_place = [
+        jnp.sum(across, 1),
+        jnp.sum(down, 1),
+        2 * across @ off[:, 0],
+        across @ off[:, 1] + down @ off[:, 0],
+        2 * down @ off[:, 1],
+    ]
+    square = _squares(off)
+    by_weight = jnp.concatenate(
+        [jnp.ones_like(off[:, :1]), off, square - (weight @ square)[None]], 1
+    )
+    by_light = by_weight.T @ rays.weight_slopes.T
+    of_others = len(across) - len(rays.weight_slopes)
+    slopes = jnp.pad(jnp.stack(by_place), ((1, 0), (0, 0)))
+    return slopes + jnp.pad(by_light, ((0, 0), (of_others, 0)))
+
+
+def _slopes_by_moment(
+    moments: Float[Array, "6"], fast: FastWaves, cells: int
+) -> Float[Array, "cells2 6"]:
+    """`FastImage.slopes`."""
     both, half = wave_numbers(cells, FASTEST)
     slow = np.abs(both) <= half[WAVES]
     parts = (
         (fast.right, both[slow], half[WAVES + 1 :]),
         (fast.down, both[~slow], half[: WAVES + 1]),
     )
-    drawn = [_drawn(*part, mean, covariance, cells) for part in parts]
-    return light * (drawn[0] + drawn[1])
+    drawn = [_drawn(*part, moments, cells) for part in parts]
+    return (drawn[0] + drawn[1]).reshape(MOMENTS, -1).T
+
+
+def _squares(off: Float[Array, "rays 2"]) -> Float[Array, "rays 3"]:
+    """The products of which the second moments are means."""
+    x, y = off.T
+    return jnp.stack([x * x, x * y, y * y], -1)
 
 
 def _drawn(
     pattern: Complex[Array, "down right"],
     down: Float[np.ndarray, " down"],
     right: Float[np.ndarray, " right"],
-    mean: Float[Array, "2"],
-    covariance: Float[Array, "2 2"],
+    moments: Float[Array, "6"],
     cells: int,
-) -> Float[Array, "cells cells"]:
-    """Light of some of the waves behind a Gaussian."""
-    dtype = mean.dtype
-    y, x = jnp.asarray(down, dtype)[:, None], jnp.asarray(right, dtype)[None]
-    across, both, upright = covariance[0, 0], covariance[0, 1], covariance[1, 1]
-    height = jnp.exp(-(across * x * x + 2 * both * x * y + upright * y * y) / 2)
+) -> Float[Array, "6 cells cells"]:
+    """d light / d moment, of some of the waves behind a Gaussian."""
+    dtype = moments.dtype
+    light, mean, (across, mixed, upright) = moments[0], moments[1:3], moments[3:]
+    x, y = jnp.asarray(right, dtype)[None], jnp.asarray(down, dtype)[None]
+    height = across * x * x + 2 * mixed * x * y.T + upright * (y * y).T
     middle = jnp.asarray(np.arange(cells) + 0.5 - cells / 2, dtype)
-    angles = [
-        (middle - mean[axis])[:, None] * k.reshape(1, -1)
-        for axis, k in enumerate((x, y))
+    columns, rows = (
+        lax.complex(jnp.cos(angle), jnp.sin(angle))
+        for angle in ((middle - mean[0])[:, None] * x, (middle - mean[1])[:, None] * y)
+    )
+    waves = (pattern * jnp.exp(-height / 2).astype(pattern.dtype)).astype(rows.dtype)
+    # A moment brings a wave number, with -i, or the product of two, with -1/2.
+    x, y = x.astype(rows.dtype), y.astype(rows.dtype)
+    level, once, twice = rows @ waves, (rows * y) @ waves, (rows * y * y) @ waves
+    each = [
+        jnp.real(level @ columns.T) / light,
+        jnp.imag(level @ (columns * x).T),
+        jnp.imag(once @ columns.T),
+        -jnp.real(level @ (columns * x * x).T) / 2,
+        -jnp.real(once @ (columns * x).T),
+        -jnp.real(twice @ columns.T) / 2,
     ]
-    columns, rows = (lax.complex(jnp.cos(a), jnp.sin(a)) for a in angles)
-    waves = (pattern * height.astype(pattern.dtype)).astype(columns.dtype)
-    return jnp.real(rows @ waves @ columns.T)
+    return light * jnp.stack(each)

@@ -12,35 +12,21 @@ rim is shown, fill the patch: there uneven light slopes what is bright. Moving a
 along its rim changes nothing: a prior of one cell keeps the shifts near their values.
 """
 
-from collections.abc import Callable
-from functools import partial
+import math
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.wavefront.basis import Basis
-from lensfit.fitting.wavefront.fast_waves import fast_light
-from lensfit.fitting.wavefront.polynomials import polynomials_over
-from lensfit.fitting.wavefront.rays import Rays
-from lensfit.fitting.wavefront.waves import (
-    DESIGN_WAVES,
-    WAVES,
-    Transfer,
-    Waves,
-    basis_of,
-)
-from lensfit.psf.spot import Profile, Spot, image_of
+from lensfit.fitting.wavefront.patch_image import RaysOfGroup, patch_image
+from lensfit.fitting.wavefront.waves import WAVES, Transfer
+from lensfit.psf.spot import Spot
 
 _JITTER = 1e-9
 _DARKEST = 1e-30
 """Square of the brightness of a dot that is none."""
-
-
-DesignRays = tuple[Callable[[Int[Array, ""]], Rays], Int[Array, ""]]
-"""The rays of each group by its number, and how many groups there are."""
+_UNEVEN = slice(6, 8)
+"""Of a broad dot's nuisance: how what is bright slopes."""
 
 
 class Patch(NamedTuple):
@@ -65,7 +51,7 @@ class Patch(NamedTuple):
 
 def equations_of(
     spot: Spot,
-    design_rays: DesignRays,
+    design_rays: tuple[RaysOfGroup, Int[Array, ""]],
     light: Float[Array, "cells cells"],
     weight: Float[Array, "cells cells"],
     corner_mm: Float[Array, "2"],
@@ -80,35 +66,33 @@ def equations_of(
     ----------
     spot : What the image is made of, and the gradient: a gradient from other rays than
         the image's would vanish elsewhere than at the best fit.
-    design_rays : Of the Gauss-Newton matrix, which needs less accuracy.
+    design_rays : Of the Gauss-Newton matrix, which needs less accuracy: by the number
+        of their group, and how many groups there are.
     variance_mm2 : As for `profile_of`.
     transfer : Of a broad dot's disc and of its neighbours'.
-    waves : As for `basis_of`; the matrix is made of fewer.
+    waves : As for `basis_of`.
     """
-    draw = partial(basis_of, corner_mm, cell_mm, light.shape[0])
-    basis = draw(transfer, waves)
-    design_basis = draw(transfer, min(waves, DESIGN_WAVES))
-    if isinstance(design_basis, Waves):
-        design_basis = polynomials_over(spot, design_basis, variance_mm2)
-    profile = basis.profile(spot, variance_mm2)
-    nuisance_design = _nuisance_design(spot, profile, basis)
-    fast = None if transfer is None else transfer.fast
-    if fast is not None:
-        patch = corner_mm, cell_mm, light.shape[0], variance_mm2
-        sharp, fast_pullback = jax.vjp(lambda s: fast_light(s, fast, *patch), spot)
-        nuisance_design = nuisance_design.at[:, 0].add(sharp.reshape(-1))
+    at = corner_mm, cell_mm, light.shape[0]
+    image = patch_image(spot, transfer, *at, variance_mm2, waves)
+    bright_and_shifts = image.light_and_shift_slopes
+    ones = jnp.ones_like(bright_and_shifts[:, :1])
+    # d light / d brightness, background and both shifts.
+    nuisance_design = jnp.concatenate(
+        [bright_and_shifts[:, :1], ones, bright_and_shifts[:, 1:]], 1
+    )
     target, w = light.reshape(-1), weight.reshape(-1)
     nuisance_prior = None
     if transfer is not None:
-        sized = draw(transfer.as_size_slope, waves).cell_light(image_of(spot, profile))
+        sized = image.of_transfer(transfer.as_size_slope).light
         nuisance_design = _with_uneven_light(nuisance_design, sized, transfer.edges)
         nuisance_prior = _NuisancePrior(transfer.width, jnp.max(cell_mm))
     nuisance = _best_nuisance(nuisance_design, target, w, nuisance_prior)
-    if transfer is not None:
-        basis = draw(transfer.with_size_excess(nuisance.size_excess), waves)
-    values, bright = nuisance.values, nuisance.values[0]
+    values = nuisance.values
     residual = target - nuisance_design @ values
-    design = bright * _design(design_rays, variance_mm2, design_basis)
+    bright = values[0] * jnp.ones_like(w)
+    if transfer is not None:
+        bright = bright + transfer.edges * (_slopes(w) @ values[_UNEVEN])
+    design = bright[:, None] * image.design(*design_rays)
     coupling = nuisance_design.T @ (w[:, None] * design)
     follows = _scaled_solution(nuisance.inner, coupling)
     # The design projected off the nuisance, not a difference of matrices: that would
@@ -116,16 +100,13 @@ def equations_of(
     projected = design - nuisance_design @ follows
     matrix = projected.T @ (w[:, None] * projected)
     matrix = matrix + follows.T @ (nuisance.precision[:, None] * follows)
-    pull = bright * (w * residual).reshape(light.shape)
-    shift = values[2:4] / _not_zero(bright)
-    spot_gradient = spot_gradient_of(spot, profile, -basis.cell_light_transpose(pull))
-    if fast is not None:
-        (of_fast,) = fast_pullback(-pull)
-        spot_gradient = jax.tree.map(jnp.add, spot_gradient, of_fast)
+    if transfer is not None:
+        image = image.of_transfer(transfer.with_size_excess(nuisance.size_excess))
+    shift = values[2:4] / _not_zero(values[0])
     return Patch(
         matrix,
         jnp.sum(w * residual**2) + nuisance.cost,
-        spot_gradient,
+        image.spot_gradient(-bright * w * residual),
         jnp.concatenate([values[:2], shift, nuisance.size_excess[None]]),
         residual,
     )
@@ -200,93 +181,23 @@ def _not_zero(bright: Array) -> Array:
     return jnp.where(bright == 0, 1.0, bright)
 
 
-def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:
-    """d light / d brightness, background and both shifts: (cells^2, 4)."""
-    drawn = jnp.stack([image_of(spot, profile), *_shift_slopes(spot, profile)])
-    image, across, down = basis.cell_light(drawn).reshape(3, -1)
-    return jnp.stack([image, jnp.ones_like(image), across, down], -1)
-
-
 def _with_uneven_light(
     design: Float[Array, "cells2 4"],
-    size_slope: Float[Array, "cells cells"],
+    size_slope: Float[Array, " cells2"],
     edges: Float[Array, ""],
 ) -> Float[Array, "cells2 9"]:
     """The nuisance of a broad target: slopes of the background, of edges slopes of the
     bright part too, and its size."""
-    slopes = _slopes(len(size_slope), design.dtype)
+    slopes = _slopes(size_slope)
     uneven = edges * design[:, :1] * slopes
-    return jnp.concatenate([design, slopes, uneven, size_slope.reshape(-1, 1)], -1)
+    return jnp.concatenate([design, slopes, uneven, size_slope[:, None]], -1)
 
 
-def _slopes(cells: int, dtype: DTypeLike) -> Float[Array, "cells2 2"]:
+def _slopes(of_cells: Float[Array, " cells2"]) -> Float[Array, "cells2 2"]:
     """d light / d slope of the background, from edge to edge to the right and down."""
-    along = jnp.linspace(-1, 1, cells, dtype=dtype)
+    cells = math.isqrt(len(of_cells))
+    along = jnp.linspace(-1, 1, cells, dtype=of_cells.dtype)
     return jnp.stack([jnp.tile(along, cells), jnp.repeat(along, cells)], -1)
-
-
-def _design(
-    design_rays: DesignRays, variance_mm2: Float[Array, "*axes"], basis: Basis
-) -> Float[Array, "cells2 shapes"]:
-    """d image / d shape, for a brightness of 1: the mean over groups of rays."""
-    rays_of_group, groups = design_rays
-
-    def of_group(index: Array) -> Array:
-        return _design_of_rays(rays_of_group(index), variance_mm2, basis)
-
-    drawn = jax.eval_shape(of_group, groups)
-    total = jax.lax.fori_loop(
-        jnp.zeros_like(groups),
-        groups,
-        lambda index, total: total + of_group(index),
-        jnp.zeros(drawn.shape, drawn.dtype),
-    )
-    return total / groups.astype(drawn.dtype)
-
-
-def _design_of_rays(
-    rays: Rays, variance_mm2: Float[Array, "*axes"], basis: Basis
-) -> Float[Array, "cells2 shapes"]:
-    """Of one group."""
-    profile = basis.profile(rays.spot, variance_mm2)
-    weight = rays.spot.weight[None]
-    # Three products: one of arrays put together takes twice as long.
-    across = _products(profile.rows, profile.columns_moved * weight)
-    down = _products(profile.rows_moved, profile.columns * weight)
-    light = _products(profile.rows, profile.columns)
-    moved = (
-        across @ rays.landing_slopes_mm[:, 0].T + down @ rays.landing_slopes_mm[:, 1].T
-    )
-    of_others = moved.shape[1] - len(rays.weight_slopes)
-    drawn = moved + jnp.pad(light @ rays.weight_slopes.T, ((0, 0), (of_others, 0)))
-    shapes = drawn.T.reshape(-1, basis.size, basis.size)
-    return basis.cell_light(shapes).reshape(len(shapes), -1).T
-
-
-def _products(rows: Array, columns: Array) -> Float[Array, "size2 rays"]:
-    """Amplitude of every ray in every pair of functions."""
-    return (rows[:, None] * columns[None]).reshape(-1, rows.shape[-1])
-
-
-def spot_gradient_of(
-    spot: Spot, profile: Profile, pull: Float[Array, "size size"]
-) -> Spot:
-    """Sum of `pull` times d drawn / d spot."""
-    light = pull @ profile.columns
-    across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)
-    down = jnp.sum(profile.rows_moved * light, 0)
-    return Spot(
-        spot.weight[:, None] * jnp.stack([across, down], -1),
-        jnp.sum(profile.rows * light, 0),
-        jnp.zeros_like(spot.cell_mm2),
-    )
-
-
-def _shift_slopes(spot: Spot, profile: Profile) -> tuple[Array, Array]:
-    """d image / d shift right and down."""
-    across = (profile.rows * spot.weight[None]) @ profile.columns_moved.T
-    down = (profile.rows_moved * spot.weight[None]) @ profile.columns.T
-    return across, down
 
 
 def _scaled_solution(inner: Array, right: Array) -> Array:

@@ -34,6 +34,7 @@ disc.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -67,10 +68,6 @@ WAVES = 40
 on 24 cells up to five periods in six cells."""
 FASTEST = 96
 """Of the sharpest detail: two periods in a cell, on 24 cells."""
-DESIGN_WAVES = 28
-"""Of the Gauss-Newton matrix, which needs less accuracy: of 28 the matrix of 20-pixel
-dots in focus lacks a fortieth of what their rims tell of high orders, of 14 three
-quarters."""
 _CUTOFF = 3.5
 """Wave number times the deviation of a Gaussian that leaves 0.2 % of the wave."""
 _AT_ONCE = 256
@@ -91,6 +88,15 @@ class FastWaves(NamedTuple):
     right: Complex[Numbers, "dots down right"]
     down: Complex[Numbers, "dots down right"]
 
+    def with_size_excess(
+        self, size_slope: "FastWaves", size_excess: Float[Array, ""]
+    ) -> "FastWaves":
+        """Those of a pattern larger by this share, of which they change so."""
+        share = size_excess.astype(self.right.dtype)
+        return FastWaves(
+            self.right + share * size_slope.right, self.down + share * size_slope.down
+        )
+
 
 class Transfer(NamedTuple):
     """Transfer function of the discs of a dot and its neighbours, or of the edges
@@ -103,7 +109,7 @@ class Transfer(NamedTuple):
         larger; zero for rims, whose position is free.
     width : Standard deviation of that share.
     edges : 1 for edges, 0 for whole discs.
-    fast : The pattern's sharpest detail; None where it is not drawn.
+    fast, fast_size_slope : The sharpest detail of both; None where it is not drawn.
     """
 
     pattern: Complex[Numbers, "dots down right"]
@@ -111,16 +117,20 @@ class Transfer(NamedTuple):
     width: Float[Numbers, " dots"]
     edges: Float[Numbers, " dots"]
     fast: FastWaves | None = None
+    fast_size_slope: FastWaves | None = None
 
     def with_size_excess(self, size_excess: Float[Array, ""]) -> "Transfer":
         """That of discs larger by this share."""
         as_size_slope = size_excess.astype(self.size_slope.dtype) * self.size_slope
-        return self._replace(pattern=self.pattern + as_size_slope)
+        fast = self.fast
+        if fast is not None and self.fast_size_slope is not None:
+            fast = fast.with_size_excess(self.fast_size_slope, size_excess)
+        return self._replace(pattern=self.pattern + as_size_slope, fast=fast)
 
     @property
     def as_size_slope(self) -> "Transfer":
         """The transfer function with the derivative by size as its pattern."""
-        return self._replace(pattern=self.size_slope)
+        return self._replace(pattern=self.size_slope, fast=self.fast_size_slope)
 
 
 class Waves(Basis):
@@ -146,6 +156,10 @@ class Waves(Basis):
     def numbers(self) -> Float[np.ndarray, " half_size"]:
         """Wave numbers along one axis, of the cosines and of the sines."""
         return wave_numbers(self.cells, self.size // 2 - 1)[1]
+
+    def of_transfer(self, transfer: Transfer) -> "Waves":
+        """The same of another dot."""
+        return replace(self, transfer=_slow_part(transfer.pattern, self.size // 2 - 1))
 
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
         """Amplitudes of every ray, and their change per mm that it moves."""
@@ -217,8 +231,14 @@ def basis_of(
     """
     if transfer is None:
         return Cells(corner_mm, cell_mm, cells)
-    slow = slice(WAVES - waves, WAVES + waves + 1)
-    return Waves(corner_mm, cell_mm, cells, transfer.pattern[slow, : waves + 1])
+    return Waves(corner_mm, cell_mm, cells, _slow_part(transfer.pattern, waves))
+
+
+def _slow_part(
+    pattern: Complex[Array, "down right"], waves: int
+) -> Complex[Array, "slow_down slow_right"]:
+    """Of the slowest waves only."""
+    return pattern[WAVES - waves : WAVES + waves + 1, : waves + 1]
 
 
 def waves_after_smoothing(smoothing: float, cells: int) -> int:
@@ -253,16 +273,18 @@ def transfers_of(
     most = FASTEST if sharp else WAVES
     pattern, size_slope = _patterns_of(broad, cell_mm, cells, markers, most)
     slow = slice(most - WAVES, most + WAVES + 1)
-    fast = None
-    if sharp:
-        down = np.delete(pattern, np.r_[slow], 1)
-        fast = FastWaves(pattern[:, slow, WAVES + 1 :], down[..., : WAVES + 1])
+
+    def fast(of: Complex[np.ndarray, "dots down right"]) -> FastWaves:
+        down = np.delete(of, np.r_[slow], 1)
+        return FastWaves(of[:, slow, WAVES + 1 :], down[..., : WAVES + 1])
+
     return Transfer(
         pattern[:, slow, : WAVES + 1],
         size_slope[:, slow, : WAVES + 1],
         np.asarray(broad.size_width),
         (are_corners(broad) | are_rims(broad) | are_lines(broad)).astype(float),
-        fast,
+        fast(pattern) if sharp else None,
+        fast(size_slope) if sharp else None,
     )
 
 
