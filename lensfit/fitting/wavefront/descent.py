@@ -35,7 +35,6 @@ from lensfit.fitting.wavefront.stages import (
     Stage,
     best_of,
     chi_squared,
-    newton_decrease,
     recentre_patches,
     set_priors,
     smooth_stage,
@@ -141,9 +140,6 @@ twentieth. Dots of less than a pixel are fitted better without. So both are trie
 _DOTS_FOR_SIDE = 6
 """Of each photograph."""
 _LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
-_MOST_SOLVES = 3
-"""A solve may end where steps that failed have left it small ones: one that started
-there again took off a tenth of the cost of sharp corners."""
 _LAST_RAYS = 384
 """Of the Gauss-Newton matrix. Shifting all rays of the pupil together, rims included,
 barely changes an image. With few rays the cost seems to rise steeply along that
@@ -233,9 +229,5 @@ def last_fit(stage: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
     """All selected term groups, with many rays."""
     stage = set_priors(stage, deviation_of(term_groups, stage.layout, LAST))
     stage = replace(stage, ray_groups=_LAST_RAYS // stage.points.design)
-    for _ in range(_MOST_SOLVES):
-        # One more pass, from where the patches have been moved to.
-        stage = recentre_patches(solve_stage(stage, _LAST_STEPS, _LAST_TOLERANCE), 1)
-        if newton_decrease(stage) < _LAST_TOLERANCE * chi_squared(stage):
-            break
-    return stage
+    # One more pass, from where the patches have been moved to.
+    return recentre_patches(solve_stage(stage, _LAST_STEPS, _LAST_TOLERANCE), 1)

@@ -20,7 +20,6 @@ Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1 and 6.2, on
 functions and their transforms.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -33,10 +32,15 @@ from jaxtyping import Array, Complex, Float
 
 from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import FASTEST, WAVES, FastWaves, wave_numbers
-from lensfit.psf.spot import FOOTPRINT, LEAST_SIGMA_PX, Spot
+from lensfit.psf.spot import FOOTPRINT, Spot
 
-MOMENTS = 6
-"""Light; mean to the right and down; variance to the right, covariance, that down."""
+Powers = tuple[tuple[int, int], ...]
+"""Of the wave numbers to the right and down that a derivative brings."""
+_LEVEL: Powers = ((0, 0),)
+_PLACE: Powers = ((1, 0), (0, 1))
+_EVERY: Powers = (*_LEVEL, *_PLACE, (2, 0), (1, 1), (0, 2))
+"""By all moments of a blur: its light; mean to the right and down; variance to the
+right, covariance, and variance down."""
 
 
 class FastImage(eqx.Module):
@@ -44,41 +48,52 @@ class FastImage(eqx.Module):
 
     Attributes
     ----------
-    moments : Of the blur of a point, cells (`MOMENTS`).
+    moments : Of the blur of a point, cells (`_EVERY`).
     pullback : From a derivative by the moments to that by the spot.
-    slopes : d light / d moment. The light is in proportion to its first.
-    middle_mm, cell_mm : Of the patch.
+    fast : The pattern.
+    middle_mm, cell_mm, cells : Of the patch.
     """
 
     moments: Float[Array, "6"]
     pullback: Callable[[Float[Array, "6"]], tuple[Spot]]
-    slopes: Float[Array, "cells2 6"]
+    fast: FastWaves
     middle_mm: Float[Array, "2"]
     cell_mm: Float[Array, "2"]
+    cells: int = eqx.field(static=True)
 
     @property
     def light(self) -> Float[Array, " cells2"]:
         """Of every cell, for a brightness of 1."""
-        return self.moments[0] * self.slopes[:, 0]
+        return self.moments[0] * self._by_moment(_LEVEL)[:, 0]
 
     @property
     def shift_slopes(self) -> Float[Array, "cells2 2"]:
         """d light / d shift right and down."""
-        return self.slopes[:, 1:3] / self.cell_mm[None]
+        return self._by_moment(_PLACE) / self.cell_mm[None]
 
     def of_pattern(self, fast: FastWaves) -> "FastImage":
         """The same of another pattern."""
-        cells = math.isqrt(len(self.slopes))
-        return replace(self, slopes=_slopes_by_moment(self.moments, fast, cells))
+        return replace(self, fast=fast)
 
     def design(self, rays: Rays) -> Float[Array, "cells2 shapes"]:
         """d light / d shape, by rays whose weights sum to 1."""
         at = self.moments, self.middle_mm, self.cell_mm
-        return self.slopes @ _moment_slopes(rays, *at)
+        return self._by_moment(_EVERY) @ _moment_slopes(rays, *at)
 
     def spot_gradient(self, pull: Float[Array, " cells2"]) -> Spot:
         """Sum of `pull` times d light / d spot."""
-        return self.pullback(pull @ self.slopes)[0]
+        return self.pullback(pull @ self._by_moment(_EVERY))[0]
+
+    def _by_moment(self, powers: Powers) -> Float[Array, "cells2 moments"]:
+        """d light / d moment, of some of them."""
+        both, half = wave_numbers(self.cells, FASTEST)
+        slow = np.abs(both) <= half[WAVES]
+        parts = (
+            (self.fast.right, both[slow], half[WAVES + 1 :]),
+            (self.fast.down, both[~slow], half[: WAVES + 1]),
+        )
+        drawn = [_drawn(*part, self.moments, self.cells, powers) for part in parts]
+        return (drawn[0] + drawn[1]).reshape(len(powers), -1).T
 
 
 def fast_image(
@@ -103,8 +118,7 @@ def fast_image(
         return _moments(spot, middle_mm, cell_mm, variance_mm2)
 
     moments, pullback = jax.vjp(moments_of, spot)
-    slopes = _slopes_by_moment(moments, fast, cells)
-    return FastImage(moments, pullback, slopes, middle_mm, cell_mm)
+    return FastImage(moments, pullback, fast, middle_mm, cell_mm, cells)
 
 
 def _moments(
@@ -118,7 +132,7 @@ def _moments(
     x = (spot.landing_mm - middle_mm[None]) / cell_mm[None]
     mean = spot.weight @ x / light
     own_mm2 = variance_mm2 + FOOTPRINT * jnp.mean(spot.cell_mm2)
-    own = jnp.broadcast_to(own_mm2, (2,)) / cell_mm**2 + LEAST_SIGMA_PX**2
+    own = jnp.broadcast_to(own_mm2, (2,)) / cell_mm**2
     second = spot.weight @ _squares(x - mean[None]) / light
     second = second.at[::2].add(own)
     return jnp.concatenate([light[None], mean, second])
@@ -154,20 +168,6 @@ def _moment_slopes(
     return slopes + jnp.pad(by_light, ((0, 0), (of_others, 0)))
 
 
-def _slopes_by_moment(
-    moments: Float[Array, "6"], fast: FastWaves, cells: int
-) -> Float[Array, "cells2 6"]:
-    """`FastImage.slopes`."""
-    both, half = wave_numbers(cells, FASTEST)
-    slow = np.abs(both) <= half[WAVES]
-    parts = (
-        (fast.right, both[slow], half[WAVES + 1 :]),
-        (fast.down, both[~slow], half[: WAVES + 1]),
-    )
-    drawn = [_drawn(*part, moments, cells) for part in parts]
-    return (drawn[0] + drawn[1]).reshape(MOMENTS, -1).T
-
-
 def _squares(off: Float[Array, "rays 2"]) -> Float[Array, "rays 3"]:
     """The products of which the second moments are means."""
     x, y = off.T
@@ -180,7 +180,8 @@ def _drawn(
     right: Float[np.ndarray, " right"],
     moments: Float[Array, "6"],
     cells: int,
-) -> Float[Array, "6 cells cells"]:
+    powers: Powers,
+) -> Float[Array, "moments cells cells"]:
     """d light / d moment, of some of the waves behind a Gaussian."""
     dtype = moments.dtype
     light, mean, (across, mixed, upright) = moments[0], moments[1:3], moments[3:]
@@ -192,15 +193,16 @@ def _drawn(
         for angle in ((middle - mean[0])[:, None] * x, (middle - mean[1])[:, None] * y)
     )
     waves = (pattern * jnp.exp(-height / 2).astype(pattern.dtype)).astype(rows.dtype)
-    # A moment brings a wave number, with -i, or the product of two, with -1/2.
     x, y = x.astype(rows.dtype), y.astype(rows.dtype)
-    level, once, twice = rows @ waves, (rows * y) @ waves, (rows * y * y) @ waves
-    each = [
-        jnp.real(level @ columns.T) / light,
-        jnp.imag(level @ (columns * x).T),
-        jnp.imag(once @ columns.T),
-        -jnp.real(level @ (columns * x * x).T) / 2,
-        -jnp.real(once @ (columns * x).T),
-        -jnp.real(twice @ columns.T) / 2,
-    ]
-    return light * jnp.stack(each)
+    by_rows = {n: (rows * y**n) @ waves for n in {down for _, down in powers}}
+    each = []
+    for to_right, to_below in powers:
+        drawn = by_rows[to_below] @ (columns * x**to_right).T
+        if (to_right, to_below) in _PLACE:
+            each.append(light * jnp.imag(drawn))
+        elif (to_right, to_below) in _LEVEL:
+            each.append(jnp.real(drawn))
+        else:
+            share = 1.0 if to_right == to_below else 0.5
+            each.append(-share * light * jnp.real(drawn))
+    return jnp.stack(each)

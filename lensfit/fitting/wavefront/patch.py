@@ -15,16 +15,19 @@ along its rim changes nothing: a prior of one cell keeps the shifts near their v
 import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.wavefront.patch_image import RaysOfGroup, patch_image
+from lensfit.fitting.wavefront.patch_image import PatchImage, RaysOfGroup, patch_image
 from lensfit.fitting.wavefront.waves import WAVES, Transfer
 from lensfit.psf.spot import Spot
 
 _JITTER = 1e-9
 _DARKEST = 1e-30
 """Square of the brightness of a dot that is none."""
+_FEWER = 4
+"""Of the rays, that show about where a dot is."""
 _UNEVEN = slice(6, 8)
 """Of a broad dot's nuisance: how what is bright slopes."""
 
@@ -72,26 +75,23 @@ def equations_of(
     transfer : Of a broad dot's disc and of its neighbours'.
     waves : As for `basis_of`.
     """
-    at = corner_mm, cell_mm, light.shape[0]
-    image = patch_image(spot, transfer, *at, variance_mm2, waves)
-    bright_and_shifts = image.light_and_shift_slopes
-    ones = jnp.ones_like(bright_and_shifts[:, :1])
-    # d light / d brightness, background and both shifts.
-    nuisance_design = jnp.concatenate(
-        [bright_and_shifts[:, :1], ones, bright_and_shifts[:, 1:]], 1
-    )
     target, w = light.reshape(-1), weight.reshape(-1)
-    nuisance_prior = None
-    if transfer is not None:
-        sized = image.of_transfer(transfer.as_size_slope).light
-        nuisance_design = _with_uneven_light(nuisance_design, sized, transfer.edges)
-        nuisance_prior = _NuisancePrior(transfer.width, jnp.max(cell_mm))
-    nuisance = _best_nuisance(nuisance_design, target, w, nuisance_prior)
+
+    at = cell_mm, light.shape[0], variance_mm2, waves
+    moved_mm = jnp.zeros_like(corner_mm)
+    if transfer is not None and transfer.fast is not None:
+        # Sharp edges are not linear over a tenth of a cell: first near, then exactly.
+        near = patch_image(_fewer_rays(spot), transfer, corner_mm, *at)
+        _, nuisance = _with_nuisance(near, transfer, target, w)
+        moved_mm = jnp.clip(_shift_mm(nuisance), -cell_mm, cell_mm)
+    image = patch_image(spot, transfer, corner_mm - moved_mm, *at)
+    nuisance_design, nuisance = _with_nuisance(image, transfer, target, w)
     values = nuisance.values
     residual = target - nuisance_design @ values
     bright = values[0] * jnp.ones_like(w)
     if transfer is not None:
         bright = bright + transfer.edges * (_slopes(w) @ values[_UNEVEN])
+        image = image.of_transfer(transfer.with_size_excess(nuisance.size_excess))
     design = bright[:, None] * image.design(*design_rays)
     coupling = nuisance_design.T @ (w[:, None] * design)
     follows = _scaled_solution(nuisance.inner, coupling)
@@ -100,14 +100,12 @@ def equations_of(
     projected = design - nuisance_design @ follows
     matrix = projected.T @ (w[:, None] * projected)
     matrix = matrix + follows.T @ (nuisance.precision[:, None] * follows)
-    if transfer is not None:
-        image = image.of_transfer(transfer.with_size_excess(nuisance.size_excess))
-    shift = values[2:4] / _not_zero(values[0])
+    shift_mm = moved_mm + _shift_mm(nuisance)
     return Patch(
         matrix,
         jnp.sum(w * residual**2) + nuisance.cost,
         image.spot_gradient(-bright * w * residual),
-        jnp.concatenate([values[:2], shift, nuisance.size_excess[None]]),
+        jnp.concatenate([values[:2], shift_mm, nuisance.size_excess[None]]),
         residual,
     )
 
@@ -143,6 +141,37 @@ class _NuisancePrior(NamedTuple):
 
     size: Float[Array, ""]
     place_mm: Float[Array, ""]
+
+
+def _fewer_rays(spot: Spot) -> Spot:
+    """Some of its rays, each in place of several."""
+    some = jax.tree.map(lambda part: part[::_FEWER], spot)
+    return Spot(some.landing_mm, _FEWER * some.weight, _FEWER * some.cell_mm2)
+
+
+def _with_nuisance(
+    image: PatchImage,
+    transfer: Transfer | None,
+    target: Float[Array, " cells2"],
+    w: Float[Array, " cells2"],
+) -> tuple[Float[Array, "cells2 nuisance"], _Nuisance]:
+    """d light / d nuisance, and the nuisance at its best fit."""
+    bright_and_shifts = image.light_and_shift_slopes
+    ones = jnp.ones_like(bright_and_shifts[:, :1])
+    design = jnp.concatenate(
+        [bright_and_shifts[:, :1], ones, bright_and_shifts[:, 1:]], 1
+    )
+    if transfer is None:
+        return design, _best_nuisance(design, target, w, None)
+    sized = image.of_transfer(transfer.as_size_slope).light
+    design = _with_uneven_light(design, sized, transfer.edges)
+    prior = _NuisancePrior(transfer.width, jnp.max(image.basis.cell_mm))
+    return design, _best_nuisance(design, target, w, prior)
+
+
+def _shift_mm(nuisance: _Nuisance) -> Float[Array, "2"]:
+    """Right and down."""
+    return nuisance.values[2:4] / _not_zero(nuisance.values[0])
 
 
 def _best_nuisance(

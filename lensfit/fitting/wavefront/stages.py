@@ -18,7 +18,6 @@ from scipy.ndimage import gaussian_filter
 
 from lensfit.fitting.device_mesh import cores
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
-from lensfit.fitting.systematic import covariance_of_equations
 from lensfit.fitting.trial import Statistics
 from lensfit.fitting.wavefront.dot_arrays import Dots, Pixels
 from lensfit.fitting.wavefront.dot_data import WIDE_OPEN, Beam, DotData, widen_beam
@@ -404,16 +403,6 @@ def update_robust_weights(stage: Stage, share: float = MODEL_SHARE) -> Stage:
 def chi_squared(stage: Stage) -> float:
     """Of the last pass, without priors."""
     return float(np.sum(stage.equations.chi_squared))
-
-
-def newton_decrease(stage: Stage) -> float:
-    """By how much a full Newton step from the last pass would lower what a solve
-    minimises, to second order."""
-    free = np.flatnonzero(stage.deviation > 0)
-    matrix = stage.matrix_of_dots(free)
-    matrix = matrix + stage.prior_matrix(free, stage.deviation[free])
-    slope = stage.slope[free]
-    return float(slope @ covariance_of_equations(matrix) @ slope)
 
 
 def best_of(stages: list[Stage]) -> Stage:

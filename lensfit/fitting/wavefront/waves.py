@@ -59,7 +59,7 @@ from lensfit.fitting.wavefront.edges import (
     rim_transfers,
     square_transfers,
 )
-from lensfit.psf.spot import FOOTPRINT, LEAST_SIGMA_PX, Profile, Spot
+from lensfit.psf.spot import FOOTPRINT, Profile, Spot
 
 MARGIN_CELLS = 12
 """Cells on each side of the patch from which broad dots reach into it."""
@@ -202,7 +202,7 @@ class Waves(Basis):
         count = self.size // 2
         slowest = _slowest(self.cells)
         k = slowest * jnp.arange(count, dtype=x.dtype)[:, None]
-        height = jnp.exp(-(k**2) * (variance + LEAST_SIGMA_PX**2)[None] / 2)
+        height = jnp.exp(-(k**2) * variance[None] / 2)
         even, odd = (height * part for part in multiples(slowest * x, count))
         return jnp.concatenate([even, odd]), jnp.concatenate([-k * odd, k * even])
 
