@@ -23,6 +23,11 @@ class Basis(eqx.Module):
     cells: eqx.AbstractVar[int]
 
     @property
+    def centre_mm(self) -> Float[Array, "2"]:
+        """Of the patch, right and down."""
+        return self.corner_mm + self.cell_mm * self.cells / 2
+
+    @property
     @abc.abstractmethod
     def size(self) -> int:
         """How many functions there are along an axis."""

@@ -34,11 +34,11 @@ from lensfit.fitting.wavefront.dot_arrays import (
     Dots,
 )
 from lensfit.fitting.wavefront.parameters import Layout, Scale
-from lensfit.fitting.wavefront.patch_image import spot_gradient_of
+from lensfit.fitting.wavefront.patch_image import PatchImage, patch_image
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour, colours_of
-from lensfit.fitting.wavefront.waves import Transfer, basis_of
-from lensfit.psf.spot import Spot, image_of
+from lensfit.fitting.wavefront.waves import Transfer
+from lensfit.psf.spot import Spot
 
 _RAYS, _WAVES = 192, 20
 """Of an image, for a centroid bias within 1 %: apertures and rims need no detail."""
@@ -82,7 +82,8 @@ def detected_point_offsets_mm(
     def offset_mm(traced: _Traced) -> Array:
         if kind == "line":
             return _line_of(traced.spot, dot, traced.window_mm).offset_mm
-        image, _ = _image_and_pullback(traced.spot, dot, transfer)
+        drawn = _image_about_chief_ray(traced.spot, dot, transfer)
+        image = drawn.light.reshape(CELLS, CELLS)
         return _point_on_image_mm(image, dot, kind)
 
     return _map_over_channels(offset_mm, parameters, dot, wavelengths_nm, layout, scale)
@@ -195,11 +196,15 @@ def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
 def _drawn_slopes_mm(
     traced: _Traced, dot: Dots, transfer: Transfer, kind: BroadKind
 ) -> Float[Array, "2 parameters"]:
-    image, to_spot = _image_and_pullback(traced.spot, dot, transfer)
-    found, to_image = jax.vjp(lambda image: _point_on_image_mm(image, dot, kind), image)
+    drawn = _image_about_chief_ray(traced.spot, dot, transfer)
+
+    def point_mm(light: Float[Array, " cells2"]) -> Float[Array, "2"]:
+        return _point_on_image_mm(light.reshape(CELLS, CELLS), dot, kind)
+
+    found, to_light = jax.vjp(point_mm, drawn.light)
 
     def along(axis: Array) -> Array:
-        return traced.pullback(to_spot(*to_image(axis)))
+        return traced.pullback(drawn.spot_gradient(*to_light(axis)))
 
     return jax.vmap(along)(jnp.eye(2, dtype=found.dtype))
 
@@ -217,19 +222,11 @@ def _point_on_image_mm(
     return detected_corner(image, places, side_cells, *window) * cell_mm
 
 
-def _image_and_pullback(
-    spot: Spot, dot: Dots, transfer: Transfer
-) -> tuple[Float[Array, "cells cells"], Callable[[Array], Spot]]:
-    """The image on a patch whose middle is where the chief ray lands, and from a
-    derivative by the light of its cells to one by the spot."""
+def _image_about_chief_ray(spot: Spot, dot: Dots, transfer: Transfer) -> PatchImage:
+    """The image on a patch whose middle is where the chief ray lands."""
     corner_mm = -dot.cell_mm * CELLS / 2
-    basis = basis_of(corner_mm, dot.cell_mm, CELLS, transfer, _WAVES)
-    profile = basis.profile(spot, dot.variance_mm2)
-
-    def to_spot(by_image: Array) -> Spot:
-        return spot_gradient_of(spot, profile, basis.cell_light_transpose(by_image))
-
-    return basis.cell_light(image_of(spot, profile)), to_spot
+    at = corner_mm, dot.cell_mm, CELLS, dot.variance_mm2
+    return patch_image(spot, transfer, *at, _WAVES)
 
 
 def _places(cells: int, dtype) -> Float[Array, "cells cells 2"]:

@@ -20,9 +20,6 @@ Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1 and 6.2, on
 functions and their transforms.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -30,148 +27,86 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
+from lensfit.fitting.wavefront.basis import Basis
 from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import FASTEST, WAVES, FastWaves, wave_numbers
 from lensfit.psf.spot import FOOTPRINT, Spot
 
-Powers = tuple[tuple[int, int], ...]
-"""Of the wave numbers to the right and down that a derivative brings."""
-_LEVEL: Powers = ((0, 0),)
-_PLACE: Powers = ((1, 0), (0, 1))
-_EVERY: Powers = (*_LEVEL, *_PLACE, (2, 0), (1, 1), (0, 2))
-"""By all moments of a blur: its light; mean to the right and down; variance to the
-right, covariance, and variance down."""
+_Powers = tuple[tuple[int, int], ...]
+"""Of the wave numbers to the right and down that derivatives by moments bring."""
+_LIGHT: _Powers = ((0, 0),)
+_MEAN: _Powers = ((1, 0), (0, 1))
+_SECOND: _Powers = ((2, 0), (1, 1), (0, 2))
+_MOMENTS = _LIGHT + _MEAN + _SECOND
+"""Of a blur: its light; mean to the right and down; variance to the right, covariance,
+and variance down."""
 
 
 class FastImage(eqx.Module):
-    """What these waves add to the image of one dot, and its derivatives.
+    """What these waves add to the image of one dot, for a brightness of 1, and its
+    derivatives.
 
     Attributes
     ----------
-    moments : Of the blur of a point, cells (`_EVERY`).
-    pullback : From a derivative by the moments to that by the spot.
-    fast : The pattern.
-    middle_mm, cell_mm, cells : Of the patch.
+    spot : The blur of a point.
+    fast : The pattern that it blurs.
+    patch : Any basis on the patch.
+    variance_mm2 : Of every ray besides its own width, of both axes or of each.
     """
 
-    moments: Float[Array, "6"]
-    pullback: Callable[[Float[Array, "6"]], tuple[Spot]]
+    spot: Spot
     fast: FastWaves
-    middle_mm: Float[Array, "2"]
-    cell_mm: Float[Array, "2"]
-    cells: int = eqx.field(static=True)
+    patch: Basis
+    variance_mm2: Float[Array, "*axes"]
 
     @property
     def light(self) -> Float[Array, " cells2"]:
-        """Of every cell, for a brightness of 1."""
-        return self.moments[0] * self._by_moment(_LEVEL)[:, 0]
+        """Of every cell."""
+        return jnp.sum(self.spot.weight) * self._by_moment(_LIGHT)[:, 0]
 
     @property
     def shift_slopes(self) -> Float[Array, "cells2 2"]:
         """d light / d shift right and down."""
-        return self._by_moment(_PLACE) / self.cell_mm[None]
-
-    def of_pattern(self, fast: FastWaves) -> "FastImage":
-        """The same of another pattern."""
-        return replace(self, fast=fast)
+        return self._by_moment(_MEAN) / self.patch.cell_mm[None]
 
     def design(self, rays: Rays) -> Float[Array, "cells2 shapes"]:
         """d light / d shape, by rays whose weights sum to 1."""
-        at = self.moments, self.middle_mm, self.cell_mm
-        return self._by_moment(_EVERY) @ _moment_slopes(rays, *at)
+        by_spot = jax.jacrev(self._moments)(rays.spot)
+        by_landing = jnp.einsum(
+            "mri,sir->ms", by_spot.landing_mm, rays.landing_slopes_mm
+        )
+        by_shape = rays.with_weights_changed(by_landing, by_spot.weight)
+        return self._by_moment(_MOMENTS) @ by_shape
 
     def spot_gradient(self, pull: Float[Array, " cells2"]) -> Spot:
         """Sum of `pull` times d light / d spot."""
-        return self.pullback(pull @ self._by_moment(_EVERY))[0]
+        _, pullback = jax.vjp(self._moments, self.spot)
+        return pullback(pull @ self._by_moment(_MOMENTS))[0]
 
-    def _by_moment(self, powers: Powers) -> Float[Array, "cells2 moments"]:
+    def _moments(self, spot: Spot) -> Float[Array, "6"]:
+        """Of the blur of a point, cells from the middle of the patch (`_MOMENTS`)."""
+        cell_mm = self.patch.cell_mm
+        light = jnp.sum(spot.weight)
+        x = (spot.landing_mm - self.patch.centre_mm[None]) / cell_mm[None]
+        mean = spot.weight @ x / light
+        right, down = (x - mean[None]).T
+        square = jnp.stack([right * right, right * down, down * down], -1)
+        own_mm2 = self.variance_mm2 + FOOTPRINT * jnp.mean(spot.cell_mm2)
+        own = jnp.broadcast_to(own_mm2, (2,)) / cell_mm**2
+        second = (spot.weight @ square / light).at[::2].add(own)
+        return jnp.concatenate([light[None], mean, second])
+
+    def _by_moment(self, powers: _Powers) -> Float[Array, "cells2 moments"]:
         """d light / d moment, of some of them."""
-        both, half = wave_numbers(self.cells, FASTEST)
+        moments, cells = self._moments(self.spot), self.patch.cells
+        both, half = wave_numbers(cells, FASTEST)
         slow = np.abs(both) <= half[WAVES]
         parts = (
             (self.fast.right, both[slow], half[WAVES + 1 :]),
             (self.fast.down, both[~slow], half[: WAVES + 1]),
         )
-        drawn = [_drawn(*part, self.moments, self.cells, powers) for part in parts]
+        drawn = [_drawn(*part, moments, cells, powers) for part in parts]
         return (drawn[0] + drawn[1]).reshape(len(powers), -1).T
-
-
-def fast_image(
-    spot: Spot,
-    fast: FastWaves,
-    corner_mm: Float[Array, "2"],
-    cell_mm: Float[Array, "2"],
-    cells: int,
-    variance_mm2: Float[Array, "*axes"],
-) -> FastImage:
-    """Of one dot.
-
-    Parameters
-    ----------
-    spot : The blur of a point.
-    corner_mm, cell_mm, cells : Of the patch.
-    variance_mm2 : Of every ray besides its own width, of both axes or of each.
-    """
-    middle_mm = corner_mm + cell_mm * cells / 2
-
-    def moments_of(spot: Spot) -> Float[Array, "6"]:
-        return _moments(spot, middle_mm, cell_mm, variance_mm2)
-
-    moments, pullback = jax.vjp(moments_of, spot)
-    return FastImage(moments, pullback, fast, middle_mm, cell_mm, cells)
-
-
-def _moments(
-    spot: Spot,
-    middle_mm: Float[Array, "2"],
-    cell_mm: Float[Array, "2"],
-    variance_mm2: Float[Array, "*axes"],
-) -> Float[Array, "6"]:
-    """Of the blur of a point."""
-    light = jnp.sum(spot.weight)
-    x = (spot.landing_mm - middle_mm[None]) / cell_mm[None]
-    mean = spot.weight @ x / light
-    own_mm2 = variance_mm2 + FOOTPRINT * jnp.mean(spot.cell_mm2)
-    own = jnp.broadcast_to(own_mm2, (2,)) / cell_mm**2
-    second = spot.weight @ _squares(x - mean[None]) / light
-    second = second.at[::2].add(own)
-    return jnp.concatenate([light[None], mean, second])
-
-
-def _moment_slopes(
-    rays: Rays,
-    moments: Float[Array, "6"],
-    middle_mm: Float[Array, "2"],
-    cell_mm: Float[Array, "2"],
-) -> Float[Array, "6 shapes"]:
-    """d moment / d shape."""
-    weight = rays.spot.weight
-    off = (rays.spot.landing_mm - middle_mm[None]) / cell_mm[None] - moments[None, 1:3]
-    across, down = (
-        rays.landing_slopes_mm[:, axis] * (weight / cell_mm[axis])[None]
-        for axis in (0, 1)
-    )
-    by_place = [
-        jnp.sum(across, 1),
-        jnp.sum(down, 1),
-        2 * across @ off[:, 0],
-        across @ off[:, 1] + down @ off[:, 0],
-        2 * down @ off[:, 1],
-    ]
-    square = _squares(off)
-    by_weight = jnp.concatenate(
-        [jnp.ones_like(off[:, :1]), off, square - (weight @ square)[None]], 1
-    )
-    by_light = by_weight.T @ rays.weight_slopes.T
-    of_others = len(across) - len(rays.weight_slopes)
-    slopes = jnp.pad(jnp.stack(by_place), ((1, 0), (0, 0)))
-    return slopes + jnp.pad(by_light, ((0, 0), (of_others, 0)))
-
-
-def _squares(off: Float[Array, "rays 2"]) -> Float[Array, "rays 3"]:
-    """The products of which the second moments are means."""
-    x, y = off.T
-    return jnp.stack([x * x, x * y, y * y], -1)
 
 
 def _drawn(
@@ -180,9 +115,13 @@ def _drawn(
     right: Float[np.ndarray, " right"],
     moments: Float[Array, "6"],
     cells: int,
-    powers: Powers,
+    powers: _Powers,
 ) -> Float[Array, "moments cells cells"]:
-    """d light / d moment, of some of the waves behind a Gaussian."""
+    """d light / d moment, of some of the waves behind a Gaussian.
+
+    A mean brings -i times a wave number, a covariance the square of that, a variance
+    half of it.
+    """
     dtype = moments.dtype
     light, mean, (across, mixed, upright) = moments[0], moments[1:3], moments[3:]
     x, y = jnp.asarray(right, dtype)[None], jnp.asarray(down, dtype)[None]
@@ -198,11 +137,7 @@ def _drawn(
     each = []
     for to_right, to_below in powers:
         drawn = by_rows[to_below] @ (columns * x**to_right).T
-        if (to_right, to_below) in _PLACE:
-            each.append(light * jnp.imag(drawn))
-        elif (to_right, to_below) in _LEVEL:
-            each.append(jnp.real(drawn))
-        else:
-            share = 1.0 if to_right == to_below else 0.5
-            each.append(-share * light * jnp.real(drawn))
+        slope = jnp.real((-1j) ** (to_right + to_below) * drawn)
+        slope = slope / 2 if 2 in (to_right, to_below) else slope
+        each.append(slope if (to_right, to_below) in _LIGHT else light * slope)
     return jnp.stack(each)

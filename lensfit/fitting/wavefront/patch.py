@@ -1,15 +1,15 @@
-"""The image of one dot on a patch of cells, with its derivatives.
+"""The share of one dot in the normal equations: its image against the photograph.
 
-Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
-(`psf.spot`). Brightness, background and position of a dot are nuisance parameters:
-brightness, background and both shifts are solved for in every patch, in closed form, so
-that the wavefront has to explain only what they cannot (variable projection, G. H.
-Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around broad dots, which may be
-dark ones on paper, the background may slope, as uneven light and fall-off make it.
-Their discs may be a little larger or smaller, as ink and tools leave them, within the
-known standard deviation. Squares around a corner, and large dots of which a part of the
-rim is shown, fill the patch: there uneven light slopes what is bright. Moving a dot
-along its rim changes nothing: a prior of one cell keeps the shifts near their values.
+Brightness, background and position of a dot are nuisance parameters: brightness,
+background and both shifts are solved for in every patch, in closed form, so that the
+wavefront has to explain only what they cannot (variable projection, G. H. Golub and V.
+Pereyra, Inverse Problems 19 (2003) R1). Sharp edges are moved first. Around broad dots,
+which may be dark ones on paper, the background may slope, as uneven light and fall-off
+make it. Their discs may be a little larger or smaller, as ink and tools leave them,
+within the known standard deviation. Squares around a corner, and large dots of which a
+part of the rim is shown, fill the patch: there uneven light slopes what is bright.
+Moving a dot along its rim changes nothing: a prior of one cell keeps the shifts near
+their values. The image itself and its derivatives are those of `patch_image`.
 """
 
 import math
@@ -27,7 +27,7 @@ _JITTER = 1e-9
 _DARKEST = 1e-30
 """Square of the brightness of a dot that is none."""
 _FEWER = 4
-"""Of the rays, that show about where a dot is."""
+"""One ray in so many shows about where a dot is."""
 _UNEVEN = slice(6, 8)
 """Of a broad dot's nuisance: how what is bright slopes."""
 
@@ -156,11 +156,8 @@ def _with_nuisance(
     w: Float[Array, " cells2"],
 ) -> tuple[Float[Array, "cells2 nuisance"], _Nuisance]:
     """d light / d nuisance, and the nuisance at its best fit."""
-    bright_and_shifts = image.light_and_shift_slopes
-    ones = jnp.ones_like(bright_and_shifts[:, :1])
-    design = jnp.concatenate(
-        [bright_and_shifts[:, :1], ones, bright_and_shifts[:, 1:]], 1
-    )
+    level = jnp.stack([image.light, jnp.ones_like(target)], -1)
+    design = jnp.concatenate([level, image.shift_slopes], 1)
     if transfer is None:
         return design, _best_nuisance(design, target, w, None)
     sized = image.of_transfer(transfer.as_size_slope).light

@@ -1,10 +1,11 @@
 """The image of one dot on a patch of cells, and its derivatives by rays and shapes.
 
-The image is drawn in a basis (`basis`): by the rays of the spot for the light and its
-gradient, by fewer for the Gauss-Newton matrix. Of broad dots `fast_waves` adds the
-sharpest detail to each of them. Without it in the matrix, and in the slopes by shift, a
-step of the lens that moves edges seems cheaper than it is: solves then end short of
-their minimum, and deviations come out too wide.
+Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
+(`psf.spot`). It is drawn in a basis (`basis`): by the rays of the spot for the image
+and its gradient, by fewer for the Gauss-Newton matrix. Of broad dots `fast_waves` adds
+the sharpest detail to each of them. Without it in the matrix, and in the slopes by
+shift, a step of the lens that moves edges seems cheaper than it is: solves then end
+short of their minimum, and deviations come out too wide.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting.wavefront.basis import Basis
-from lensfit.fitting.wavefront.fast_waves import FastImage, fast_image
+from lensfit.fitting.wavefront.fast_waves import FastImage
 from lensfit.fitting.wavefront.polynomials import polynomials_over
 from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import Transfer, Waves, basis_of
@@ -32,8 +33,8 @@ class PatchImage(eqx.Module):
     Attributes
     ----------
     spot : The blur of a point.
-    profile : Its rays in the basis.
-    basis, design_basis : In which the image, and the Gauss-Newton matrix, are drawn.
+    profile : Its rays in the basis, computed once.
+    basis : In which it is drawn.
     fast : The sharpest detail; None where it is not drawn.
     variance_mm2 : As for `profile_of`.
     """
@@ -41,7 +42,6 @@ class PatchImage(eqx.Module):
     spot: Spot
     profile: Profile
     basis: Basis
-    design_basis: Basis
     fast: FastImage | None
     variance_mm2: Float[Array, "*axes"]
 
@@ -52,25 +52,25 @@ class PatchImage(eqx.Module):
         return light if self.fast is None else light + self.fast.light
 
     @property
-    def light_and_shift_slopes(self) -> Float[Array, "cells2 3"]:
-        """The light, and its derivatives by shifts right and down."""
-        drawn = (
-            image_of(self.spot, self.profile),
-            *_shift_slopes(self.spot, self.profile),
-        )
-        found = self.basis.cell_light(jnp.stack(drawn)).reshape(3, -1).T
-        if self.fast is None:
-            return found
-        fast = self.fast.light[:, None], self.fast.shift_slopes
-        return found + jnp.concatenate(fast, 1)
+    def shift_slopes(self) -> Float[Array, "cells2 2"]:
+        """d light / d shift right and down."""
+        spot, profile = self.spot, self.profile
+        across = (profile.rows * spot.weight[None]) @ profile.columns_moved.T
+        down = (profile.rows_moved * spot.weight[None]) @ profile.columns.T
+        slopes = self.basis.cell_light(jnp.stack([across, down])).reshape(2, -1).T
+        return slopes if self.fast is None else slopes + self.fast.shift_slopes
 
     def design(
         self, rays_of_group: RaysOfGroup, groups: Int[Array, ""]
     ) -> Float[Array, "cells2 shapes"]:
         """d light / d shape: the mean over groups of rays."""
+        basis = self.basis
+        if isinstance(basis, Waves):
+            # All waves: shifts then explain no more and no less of it than they should.
+            basis = polynomials_over(self.spot, basis, self.variance_mm2)
 
         def of_group(index: Array) -> Array:
-            return self._design_of_rays(rays_of_group(index))
+            return self._design_of_rays(rays_of_group(index), basis)
 
         drawn = jax.eval_shape(of_group, groups)
         total = jax.lax.fori_loop(
@@ -85,22 +85,22 @@ class PatchImage(eqx.Module):
         """Sum of `pull` times d light / d spot."""
         cells = self.basis.cells
         drawn = self.basis.cell_light_transpose(pull.reshape(cells, cells))
-        found = spot_gradient_of(self.spot, self.profile, drawn)
+        found = _spot_gradient(self.spot, self.profile, drawn)
         if self.fast is None:
             return found
         return jax.tree.map(jnp.add, found, self.fast.spot_gradient(pull))
 
     def of_transfer(self, transfer: Transfer) -> "PatchImage":
-        """That of another broad dot behind the same blur; the design stays."""
+        """That of another broad dot behind the same blur."""
         assert isinstance(self.basis, Waves)
-        fast = self.fast
-        if fast is not None and transfer.fast is not None:
-            fast = fast.of_pattern(transfer.fast)
-        return replace(self, basis=self.basis.of_transfer(transfer), fast=fast)
+        basis = self.basis.of_transfer(transfer)
+        fast = _fast_image(self.spot, transfer, basis, self.variance_mm2)
+        return replace(self, basis=basis, fast=fast)
 
-    def _design_of_rays(self, rays: Rays) -> Float[Array, "cells2 shapes"]:
+    def _design_of_rays(
+        self, rays: Rays, basis: Basis
+    ) -> Float[Array, "cells2 shapes"]:
         """Of one group."""
-        basis = self.design_basis
         profile = basis.profile(rays.spot, self.variance_mm2)
         weight = rays.spot.weight[None]
         # Three products: one of arrays put together takes twice as long.
@@ -109,8 +109,7 @@ class PatchImage(eqx.Module):
         light = _products(profile.rows, profile.columns)
         to_right, to_below = rays.landing_slopes_mm[:, 0], rays.landing_slopes_mm[:, 1]
         moved = across @ to_right.T + down @ to_below.T
-        of_others = moved.shape[1] - len(rays.weight_slopes)
-        drawn = moved + jnp.pad(light @ rays.weight_slopes.T, ((0, 0), (of_others, 0)))
+        drawn = rays.with_weights_changed(moved, light)
         shapes = drawn.T.reshape(-1, basis.size, basis.size)
         found = basis.cell_light(shapes).reshape(len(shapes), -1).T
         return found if self.fast is None else found + self.fast.design(rays)
@@ -134,20 +133,25 @@ def patch_image(
     cells : Along its side (static).
     waves : As for `basis_of` (static).
     """
-    at = corner_mm, cell_mm, cells
-    basis = basis_of(*at, transfer, waves)
-    design_basis = basis
-    if isinstance(basis, Waves):
-        # In all waves: shifts then explain no more and no less of it than they should.
-        design_basis = polynomials_over(spot, basis, variance_mm2)
-    fast = None
-    if transfer is not None and transfer.fast is not None:
-        fast = fast_image(spot, transfer.fast, *at, variance_mm2)
+    basis = basis_of(corner_mm, cell_mm, cells, transfer, waves)
+    fast = _fast_image(spot, transfer, basis, variance_mm2)
     profile = basis.profile(spot, variance_mm2)
-    return PatchImage(spot, profile, basis, design_basis, fast, variance_mm2)
+    return PatchImage(spot, profile, basis, fast, variance_mm2)
 
 
-def spot_gradient_of(
+def _fast_image(
+    spot: Spot,
+    transfer: Transfer | None,
+    basis: Basis,
+    variance_mm2: Float[Array, "*axes"],
+) -> FastImage | None:
+    """The sharpest detail, where it is drawn."""
+    if transfer is None or transfer.fast is None:
+        return None
+    return FastImage(spot, transfer.fast, basis, variance_mm2)
+
+
+def _spot_gradient(
     spot: Spot, profile: Profile, pull: Float[Array, "size size"]
 ) -> Spot:
     """Sum of `pull` times d drawn / d spot."""
@@ -164,10 +168,3 @@ def spot_gradient_of(
 def _products(rows: Array, columns: Array) -> Float[Array, "size2 rays"]:
     """Amplitude of every ray in every pair of functions."""
     return (rows[:, None] * columns[None]).reshape(-1, rows.shape[-1])
-
-
-def _shift_slopes(spot: Spot, profile: Profile) -> tuple[Array, Array]:
-    """d image / d shift right and down."""
-    across = (profile.rows * spot.weight[None]) @ profile.columns_moved.T
-    down = (profile.rows_moved * spot.weight[None]) @ profile.columns.T
-    return across, down

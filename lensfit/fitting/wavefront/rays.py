@@ -91,6 +91,23 @@ class Rays(NamedTuple):
     landing_slopes_mm: Float[Array, "shapes 2 rays"]
     weight_slopes: Float[Array, "pupil rays"]
 
+    def with_weights_changed(
+        self,
+        by_landing: Float[Array, "numbers shapes"],
+        by_weight: Float[Array, "numbers rays"],
+    ) -> Float[Array, "numbers shapes"]:
+        """Derivatives of some numbers by shapes: what moving rays changes, and what
+        their weights do.
+
+        Parameters
+        ----------
+        by_landing : The first part.
+        by_weight : d number / d weight.
+        """
+        of_others = by_landing.shape[1] - len(self.weight_slopes)
+        by_pupil = by_weight @ self.weight_slopes.T
+        return by_landing + jnp.pad(by_pupil, ((0, 0), (of_others, 0)))
+
 
 class PupilRays(NamedTuple):
     """Rays through points of the pupil, and the pullback of derivatives.

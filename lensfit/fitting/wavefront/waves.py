@@ -38,6 +38,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -88,15 +89,6 @@ class FastWaves(NamedTuple):
     right: Complex[Numbers, "dots down right"]
     down: Complex[Numbers, "dots down right"]
 
-    def with_size_excess(
-        self, size_slope: "FastWaves", size_excess: Float[Array, ""]
-    ) -> "FastWaves":
-        """Those of a pattern larger by this share, of which they change so."""
-        share = size_excess.astype(self.right.dtype)
-        return FastWaves(
-            self.right + share * size_slope.right, self.down + share * size_slope.down
-        )
-
 
 class Transfer(NamedTuple):
     """Transfer function of the discs of a dot and its neighbours, or of the edges
@@ -121,11 +113,12 @@ class Transfer(NamedTuple):
 
     def with_size_excess(self, size_excess: Float[Array, ""]) -> "Transfer":
         """That of discs larger by this share."""
-        as_size_slope = size_excess.astype(self.size_slope.dtype) * self.size_slope
-        fast = self.fast
-        if fast is not None and self.fast_size_slope is not None:
-            fast = fast.with_size_excess(self.fast_size_slope, size_excess)
-        return self._replace(pattern=self.pattern + as_size_slope, fast=fast)
+        pattern, fast = jax.tree.map(
+            lambda of, slope: of + size_excess.astype(slope.dtype) * slope,
+            (self.pattern, self.fast),
+            (self.size_slope, self.fast_size_slope),
+        )
+        return self._replace(pattern=pattern, fast=fast)
 
     @property
     def as_size_slope(self) -> "Transfer":
@@ -163,12 +156,11 @@ class Waves(Basis):
 
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
         """Amplitudes of every ray, and their change per mm that it moves."""
-        middle_mm = self.corner_mm + self.cell_mm * self.cells / 2
         own = FOOTPRINT * spot.cell_mm2
         variance_mm2 = jnp.broadcast_to(variance_mm2, (2,))
         (columns, columns_moved), (rows, rows_moved) = (
             self._amplitudes(
-                (spot.landing_mm[:, axis] - middle_mm[axis]) / self.cell_mm[axis],
+                (spot.landing_mm[:, axis] - self.centre_mm[axis]) / self.cell_mm[axis],
                 (variance_mm2[axis] + own) / self.cell_mm[axis] ** 2,
             )
             for axis in (0, 1)
@@ -274,7 +266,7 @@ def transfers_of(
     pattern, size_slope = _patterns_of(broad, cell_mm, cells, markers, most)
     slow = slice(most - WAVES, most + WAVES + 1)
 
-    def fast(of: Complex[np.ndarray, "dots down right"]) -> FastWaves:
+    def fast_of(of: Complex[np.ndarray, "dots down right"]) -> FastWaves:
         down = np.delete(of, np.r_[slow], 1)
         return FastWaves(of[:, slow, WAVES + 1 :], down[..., : WAVES + 1])
 
@@ -283,8 +275,8 @@ def transfers_of(
         size_slope[:, slow, : WAVES + 1],
         np.asarray(broad.size_width),
         (are_corners(broad) | are_rims(broad) | are_lines(broad)).astype(float),
-        fast(pattern) if sharp else None,
-        fast(size_slope) if sharp else None,
+        fast_of(pattern) if sharp else None,
+        fast_of(size_slope) if sharp else None,
     )
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from drawn_squares import CELLS, whole_chart
 
+from lensfit.fitting.wavefront.basis import Cells
 from lensfit.fitting.wavefront.dot_arrays import undrawn
-from lensfit.fitting.wavefront.fast_waves import fast_image
+from lensfit.fitting.wavefront.fast_waves import FastImage
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.patch_image import patch_image
 from lensfit.fitting.wavefront.rays import Rays
@@ -43,6 +44,7 @@ def transfer_of(sides):
 
 CORNER_MM, CELL = jnp.full(2, -CELL_MM * CELLS / 2), jnp.full(2, CELL_MM)
 NOTHING = jnp.zeros(2)
+PATCH = Cells(CORNER_MM, CELL, CELLS)
 
 
 def slow_light(spot, transfer):
@@ -58,7 +60,7 @@ def test_a_sharp_corner_is_as_the_chart_drawn_finely(sides, at_cells):
     whole = whole_chart(sides, 0.1, AROUND, at_cells=at_cells, fine=32)
     wanted = whole[AROUND:-AROUND, AROUND:-AROUND]
     without = np.asarray(slow_light(spot, transfer)) - wanted
-    sharp = fast_image(spot, transfer.fast, CORNER_MM, CELL, CELLS, NOTHING).light
+    sharp = FastImage(spot, transfer.fast, PATCH, NOTHING).light
     off = without + np.asarray(sharp).reshape(CELLS, CELLS)
     assert np.abs(off).max() < 0.02
     assert np.sqrt(np.mean(off**2)) < 0.35 * np.sqrt(np.mean(without**2))
@@ -67,7 +69,7 @@ def test_a_sharp_corner_is_as_the_chart_drawn_finely(sides, at_cells):
 def test_a_blur_of_a_cell_leaves_no_fast_waves():
     fast = transfer_of(SIDES["almost square on"]).fast
     spot = rays(1.0, (0.2, 0.1))
-    sharp = fast_image(spot, fast, CORNER_MM, CELL, CELLS, NOTHING).light
+    sharp = FastImage(spot, fast, PATCH, NOTHING).light
     assert np.abs(sharp).max() < 1e-5
 
 
@@ -97,17 +99,16 @@ def moved_by(rays_, amounts):
 def test_derivatives_by_shapes_are_those_of_the_light(sides):
     fast = transfer_of(sides).fast
     spot = rays(0.1, (0.3, -0.2))
-    patch = CORNER_MM, CELL, CELLS, NOTHING
     few = shapes_of(spot)
 
     def light(amounts):
-        return fast_image(moved_by(few, amounts), fast, *patch).light
+        return FastImage(moved_by(few, amounts), fast, PATCH, NOTHING).light
 
     wanted = jax.jacfwd(light)(jnp.zeros(SHAPES))
-    found = fast_image(spot, fast, *patch).design(few)
+    found = FastImage(spot, fast, PATCH, NOTHING).design(few)
     assert np.allclose(found, wanted, rtol=1e-6, atol=1e-9)
     pull = jax.random.normal(jax.random.key(2), (CELLS**2,))
-    image = fast_image(spot, fast, *patch)
+    image = FastImage(spot, fast, PATCH, NOTHING)
     by_spot = image.spot_gradient(pull)
     traced = jnp.einsum("ri,sir->s", by_spot.landing_mm, few.landing_slopes_mm)
     traced = traced.at[-LIT:].add(few.weight_slopes @ by_spot.weight)
