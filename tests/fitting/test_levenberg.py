@@ -63,3 +63,25 @@ def test_a_prior_pulls_by_its_precision():
         found = _minimise(jnp.array([0.0, 0.0]), prior, 1e-10, 80)
         mean = (100 + precision * 3) / (100 + precision)
         np.testing.assert_allclose(found.parameters, [1.0, mean], atol=1e-6)
+
+
+def _hidden_wall(p):
+    """Almost flat from (1, 0) to where a wall begins, which nothing here shows: a full
+    Newton step leads far into it."""
+    wall = jnp.maximum(0.9 - p[0], 0.0) ** 2
+    return jnp.stack([jnp.full_like(p[0], 10.0), 0.01 * p[0] + 5.0 * wall, p[1]])
+
+
+def test_no_step_is_taken_untried():
+    """What promises a millionth of chi-squared may raise it by a sixth."""
+
+    def equations(p):
+        r, jacobian = _hidden_wall(p), jax.jacfwd(_hidden_wall)(p)
+        return Quadratic(jacobian.T @ jacobian, jacobian.T @ r, r @ r), r
+
+    start = jnp.array([1.0, 0.0])
+    found = jax.jit(lambda s: minimise(equations, s, WIDE, 1e-4, 30, 1e-3))(start)
+    assert bool(found.converged)
+    end = _hidden_wall(found.parameters)
+    assert float(end @ end) <= float(_hidden_wall(start) @ _hidden_wall(start))
+    np.testing.assert_allclose(found.extra, end)
