@@ -62,25 +62,37 @@ class Minimum(NamedTuple):
 
 
 class _State(NamedTuple):
-    """At the last accepted step; `fall` is what it took off chi-squared."""
+    """At the last accepted step.
+
+    Attributes
+    ----------
+    fall : What it took off chi-squared.
+    whole : Whether it was a whole Newton step.
+    """
 
     matrix: Array
     gradient: Array
     chi_squared: Array
     fall: Array
+    whole: Array
 
 
 class MarquardtDescent(
     optx.AbstractDescent[Array, optx.FunctionInfo.ResidualJac, _State]
 ):
-    """-(A + damping diag A)^-1 g, with A and g from the short residual."""
+    """-(A + damping diag A)^-1 g, with A and g from the short residual; undamped once
+    that promises less than the share `tolerance` of chi-squared."""
 
     first_damping: Array | float
+    tolerance: Array | float
 
     def init(self, y: Array, f_info_struct: Any) -> _State:
         del f_info_struct
-        far = jnp.asarray(jnp.inf, y.dtype)
-        return _State(jnp.zeros((y.size, y.size), y.dtype), jnp.zeros_like(y), far, far)
+        matrix, far = (
+            jnp.zeros((y.size, y.size), y.dtype),
+            jnp.asarray(jnp.inf, y.dtype),
+        )
+        return _State(matrix, jnp.zeros_like(y), far, far, jnp.asarray(False))
 
     def query(self, y: Array, f_info: Any, state: _State) -> _State:
         del y
@@ -91,12 +103,25 @@ class MarquardtDescent(
             f_info.residual @ jacobian,
             chi_squared,
             state.chi_squared - chi_squared,
+            self.nearly_there(state),
         )
 
     def step(self, step_size: Array, state: _State) -> tuple[Array, optx.RESULTS]:
-        diagonal = jnp.diagonal(state.matrix) * (self.first_damping / step_size)
-        factor = jnp.linalg.cholesky(state.matrix + jnp.diag(diagonal))
-        return -cho_solve((factor, True), state.gradient), optx.RESULTS.successful
+        damping = jnp.where(
+            self.nearly_there(state), _LEAST_DAMPING, self.first_damping / step_size
+        )
+        return _damped_step(state, damping), optx.RESULTS.successful
+
+    def nearly_there(self, state: _State) -> Bool[Array, ""]:
+        """Whether a whole Newton step promises next to nothing."""
+        promised = -_damped_step(state, _LEAST_DAMPING) @ state.gradient
+        return promised < self.tolerance * state.chi_squared
+
+
+def _damped_step(state: _State, damping: Array | float) -> Array:
+    diagonal = jnp.diag(damping * jnp.diagonal(state.matrix))
+    factor = jnp.linalg.cholesky(state.matrix + diagonal)
+    return -cho_solve((factor, True), state.gradient)
 
 
 class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
@@ -104,10 +129,9 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
 
     Besides Optimistix's own test it ends when what the last step took off chi-squared
     is below the share `tolerance` of it: further steps would only chase directions the
-    photographs do not see. So it ends too when a step was rejected, and within the
-    smaller trust region the next one promises as little. A step that promises little is
-    still taken, and tried: along directions that photographs barely see a Newton step
-    is long, and has raised a chi-squared sixfold of which it promised to take nothing.
+    photographs do not see. So it ends too when a step was rejected, and the next one
+    promises as little. The last step is a whole Newton step, along long, flat minima
+    too; but it is tried as any other: there it has raised a chi-squared sixfold.
     """
 
     rtol: float
@@ -130,7 +154,7 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
         self.tolerance = tolerance
         self.most_steps = most_steps
         self.norm = optx.max_norm
-        self.descent = MarquardtDescent(first_damping)
+        self.descent = MarquardtDescent(first_damping, tolerance)
         self.search = optx.ClassicalTrustRegion(
             high_cutoff=0.75, high_constant=4.0, low_constant=0.1
         )
@@ -144,9 +168,11 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
         here = state.descent_state
         negligible = self.tolerance * here.chi_squared
         rejected = state.num_steps_since_acceptance > 0
-        takes = jnp.where(rejected, self._predicted_decrease(state), here.fall)
+        little = jnp.where(rejected, self._predicted_decrease(state), here.fall)
+        untried = ~rejected & ~here.whole & self.descent.nearly_there(here)
+        ended = (state.num_steps > 0) & (little < negligible) & ~untried
         late = state.num_steps >= self.most_steps
-        return done | (state.num_steps > 0) & (takes < negligible) | late, result
+        return done | ended | late, result
 
     def _predicted_decrease(self, state: Any) -> Array:
         """By how much the next step should lower chi-squared."""

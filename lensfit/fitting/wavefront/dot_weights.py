@@ -65,6 +65,11 @@ def noise_variances(
     return found
 
 
+def missed_factor(dot_data: DotData) -> Float[np.ndarray, " dots"]:
+    """How much a model misses of each contrast, over what it misses of a dot."""
+    return np.where(show_edges(dot_data.dots), _OF_EDGES, 1.0)
+
+
 def relative_misfit(
     dot_data: DotData,
     residual: Float[np.ndarray, "dots 3 rows columns"],
@@ -87,7 +92,7 @@ def _missed_variance(dot_data: DotData, share: float) -> Float[np.ndarray, "dots
     """Of the model's error, a share of the contrast of a dot or an edge."""
     flat = dot_data.light.reshape(*dot_data.light.shape[:2], -1)
     peak = np.abs(flat - np.median(flat, -1, keepdims=True)).max(-1)
-    missed = np.where(show_edges(dot_data.dots), _OF_EDGES, 1.0)[:, None] * peak
+    missed = missed_factor(dot_data)[:, None] * peak
     missed = np.maximum(missed, _LEAST_SHARE * max(float(flat.max()), 1e-12))
     return (share * missed) ** 2
 

@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fitting.systematic import covariance_nearest, systematic_covariance
-from lensfit.fitting.wavefront.dot_weights import noise_variances
+from lensfit.fitting.wavefront.dot_weights import missed_factor, noise_variances
 from lensfit.fitting.wavefront.stages import Stage
 from lensfit.fitting.wavefront.term_group_selection import CELLS_PER_DOT
 from lensfit.fitting.wavefront.term_groups import (
@@ -137,12 +137,13 @@ def fixed_stop_ratios(
 
 
 def _chi_squared_of_images(stage: Stage) -> tuple[float, float]:
-    """Of the whole images of all dots, and of what the model visibly misses of them,
-    beyond the noise."""
+    """Of the whole images of all dots, edges as `missed_factor` has them, and of what
+    the model visibly misses of them, beyond the noise."""
     background = stage.nuisance[..., 1]
     modelled = stage.dot_data.light - stage.residual - background[..., None, None]
     noise = noise_variances(stage.dot_data, stage.residual, background)
-    whole = np.sum(stage.weight * modelled**2)
+    factor = missed_factor(stage.dot_data)[:, None, None, None]
+    whole = np.sum(stage.weight * (factor * modelled) ** 2)
     visible = np.sum(stage.weight * (stage.residual**2 - noise))
     return float(whole), float(visible)
 

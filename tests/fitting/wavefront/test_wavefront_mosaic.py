@@ -81,7 +81,7 @@ def found_from_near(dot_data) -> np.ndarray:
     stage = set_priors(first_stage(dot_data, LAYOUT, start), deviation)
     # As the last stage of a fit has them.
     stage = replace(stage, ray_groups=4)
-    for _ in range(4):
+    for _ in range(6):
         stage = solve_stage(stage)
     return stage.parameters
 
@@ -89,7 +89,7 @@ def found_from_near(dot_data) -> np.ndarray:
 @pytest.mark.slow
 def test_the_lens_is_found_behind_a_mosaic():
     """On photographs of so many rays that theirs is not the largest error."""
-    whole = photographed(TRUE, SHOTS, noise=NOISE, rays=400_000)
+    whole = photographed(TRUE, SHOTS, noise=NOISE, rays=1_600_000)
     truth = TRUE.parameters()
     coefficients, defocus = (LAYOUT.blocks[n] for n in ("coefficients", "defocus"))
     for dot_data in (whole, behind_mosaic(whole)):
