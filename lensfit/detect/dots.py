@@ -327,29 +327,7 @@ def _record(
         image_size_px=photograph.size_px,
         candidates=candidates,
         bright=polarity == "bright",
-        notes=_notes(photograph, saturated, touching),
     )
-
-
-def _notes(photograph: Photograph, saturated, touching) -> tuple[str, ...]:
-    """What the photographer should know about the dots that were kept."""
-    notes = []
-    if saturated.any():
-        notes.append(
-            f"{saturated.sum()} of {len(saturated)} dots touch clipped samples; "
-            "expose less"
-        )
-    if touching.any():
-        notes.append(
-            f"the blur of {touching.sum()} of {len(touching)} dots touches a "
-            "neighbour's; focus nearer or use a coarser grid"
-        )
-    if photograph.chroma_subsampled and photograph.pixels.shape[2] == 3:
-        notes.append(
-            "red and blue were stored at lower resolution, so lateral colour is "
-            "less certain than its covariance says"
-        )
-    return tuple(notes)
 
 
 def _complaint(photograph, image, candidates: int, indexed: int) -> DetectionError:

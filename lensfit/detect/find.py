@@ -218,7 +218,9 @@ def _notes(
         )
     if photograph.chroma_subsampled:
         notes.append(
-            "Colour is stored at reduced resolution; lateral colour is uncertain."
+            "Red and blue are stored at lower resolution: lateral colour, and blur of "
+            "what is in focus, are uncertain; hand in the photograph as it was before "
+            "JPEG."
         )
     squares = (board or {}).get("squares")
     if squares is not None and kind == "checkerboard":
