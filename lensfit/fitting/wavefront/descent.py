@@ -139,7 +139,7 @@ pixels ended in a wrong local minimum; with this one in between the misfit was a
 twentieth. Dots of less than a pixel are fitted better without. So both are tried."""
 _DOTS_FOR_SIDE = 6
 """Of each photograph."""
-_LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
+_LAST_STEPS, _LAST_TOLERANCE = 24, 1e-4
 _LAST_RAYS = 384
 """Of the Gauss-Newton matrix. Shifting all rays of the pupil together, rims included,
 barely changes an image. With few rays the cost seems to rise steeply along that
