@@ -7,7 +7,8 @@ A = L L^T, g and chi-squared known,
     c = (L^-1 g, sqrt(chi-squared - |L^-1 g|^2)),   dc/dp = (L^T, 0)
 
 has c.c = chi-squared, (dc/dp)^T c = g and (dc/dp)^T (dc/dp) = A. Every step therefore
-costs one pass over the data, and the pass is compiled once.
+costs one pass over the data, and the pass is compiled once. The square of the first
+part of c is the decrease of chi-squared that a whole Newton step promises.
 
 Marquardt's scaling damps every parameter in proportion to its curvature; a prior of
 zero width removes a parameter from the step.
@@ -67,13 +68,15 @@ class _State(NamedTuple):
     Attributes
     ----------
     fall : What it took off chi-squared.
-    whole : Whether it was a whole Newton step.
+    near : Whether a whole Newton step from here promises next to nothing.
+    whole : Whether such a step led here.
     """
 
     matrix: Array
     gradient: Array
     chi_squared: Array
     fall: Array
+    near: Array
     whole: Array
 
 
@@ -88,40 +91,28 @@ class MarquardtDescent(
 
     def init(self, y: Array, f_info_struct: Any) -> _State:
         del f_info_struct
-        matrix, far = (
-            jnp.zeros((y.size, y.size), y.dtype),
-            jnp.asarray(jnp.inf, y.dtype),
-        )
-        return _State(matrix, jnp.zeros_like(y), far, far, jnp.asarray(False))
+        far, no = jnp.asarray(jnp.inf, y.dtype), jnp.asarray(False)
+        matrix = jnp.zeros((y.size, y.size), y.dtype)
+        return _State(matrix, jnp.zeros_like(y), far, far, no, no)
 
     def query(self, y: Array, f_info: Any, state: _State) -> _State:
         del y
-        jacobian = f_info.jac.as_matrix()
-        chi_squared = jnp.sum(f_info.residual**2)
+        jacobian, squares = f_info.jac.as_matrix(), f_info.residual**2
+        chi_squared = jnp.sum(squares)
         return _State(
-            jacobian.T @ jacobian,
-            f_info.residual @ jacobian,
-            chi_squared,
-            state.chi_squared - chi_squared,
-            self.nearly_there(state),
+            matrix=jacobian.T @ jacobian,
+            gradient=f_info.residual @ jacobian,
+            chi_squared=chi_squared,
+            fall=state.chi_squared - chi_squared,
+            near=jnp.sum(squares[:-1]) < self.tolerance * chi_squared,
+            whole=state.near,
         )
 
     def step(self, step_size: Array, state: _State) -> tuple[Array, optx.RESULTS]:
-        damping = jnp.where(
-            self.nearly_there(state), _LEAST_DAMPING, self.first_damping / step_size
-        )
-        return _damped_step(state, damping), optx.RESULTS.successful
-
-    def nearly_there(self, state: _State) -> Bool[Array, ""]:
-        """Whether a whole Newton step promises next to nothing."""
-        promised = -_damped_step(state, _LEAST_DAMPING) @ state.gradient
-        return promised < self.tolerance * state.chi_squared
-
-
-def _damped_step(state: _State, damping: Array | float) -> Array:
-    diagonal = jnp.diag(damping * jnp.diagonal(state.matrix))
-    factor = jnp.linalg.cholesky(state.matrix + diagonal)
-    return -cho_solve((factor, True), state.gradient)
+        damping = jnp.where(state.near, _LEAST_DAMPING, self.first_damping / step_size)
+        diagonal = jnp.diagonal(state.matrix) * damping
+        factor = jnp.linalg.cholesky(state.matrix + jnp.diag(diagonal))
+        return -cho_solve((factor, True), state.gradient), optx.RESULTS.successful
 
 
 class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
@@ -166,11 +157,11 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
         """Whether to stop, and how it went."""
         done, result = super().terminate(fn, y, args, options, state, tags)
         here = state.descent_state
-        negligible = self.tolerance * here.chi_squared
         rejected = state.num_steps_since_acceptance > 0
-        little = jnp.where(rejected, self._predicted_decrease(state), here.fall)
-        untried = ~rejected & ~here.whole & self.descent.nearly_there(here)
-        ended = (state.num_steps > 0) & (little < negligible) & ~untried
+        change = jnp.where(rejected, self._predicted_decrease(state), here.fall)
+        untried = here.near & ~here.whole & ~rejected
+        little = (change < self.tolerance * here.chi_squared) & ~untried
+        ended = (state.num_steps > 0) & little
         late = state.num_steps >= self.most_steps
         return done | ended | late, result
 
