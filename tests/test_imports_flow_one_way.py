@@ -32,6 +32,7 @@ FLOORS = {
     "program_files": 2,
     "programs": 3,
     "mosaic": 1,
+    "chroma": 1,
     "coords": 2,
     "photograph": 2,
     "optics": 2,

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from lensfit.chroma import ChromaBlocks
 from lensfit.detect.observations import Observations
 from lensfit.mosaic import PIXELS_PER_PHOTOSITE, Mosaic, photosites
 from lensfit.photograph import Photograph
@@ -39,6 +40,21 @@ _FROM_ENDS = 0.5
 _AROUND = 0.9
 """Quantile of a dot image's light that is the surround of a dark dot."""
 _LARGEST_CELL_PX = 16
+
+
+class StoredColour(NamedTuple):
+    """How a file keeps the colour of dot images at lower resolution.
+
+    Attributes
+    ----------
+    blocks : Pixels that share one value of colour.
+    encoding : Of the file.
+    surround : What dark dots' light was taken from, dots by channels; 0 of bright ones.
+    """
+
+    blocks: ChromaBlocks
+    encoding: str
+    surround: Float[np.ndarray, "dots 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +76,7 @@ class DotImages:
     channels : 3, or 1 for a grey photograph.
     mosaic : Of the photograph, if each pixel measured one channel.
     towards_px : From the middle of a dot to the imaged rim; None for whole dots.
+    stored : How the file keeps colour at lower resolution, where cells show that.
     """
 
     marks: Int[np.ndarray, " dots"]
@@ -73,6 +90,7 @@ class DotImages:
     channels: int
     mosaic: Mosaic | None = None
     towards_px: Float[np.ndarray, "dots 2"] | None = None
+    stored: StoredColour | None = None
 
     @property
     def read_noise(self) -> Float[np.ndarray, " 3"]:
@@ -129,12 +147,18 @@ def dot_images_about(
     if not marks.are_lines:
         own_cells = own_cells & _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
+    surround = np.zeros(light.shape[:2], light.dtype)
     if marks.are_edges:
         light = _continued_beyond_frame(light, cells.inside)
     usable = cells.measured & own_cells[:, None]
     if marks.are_dark_dots:
         usable = usable & ~clipped
-        light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
+        surround = _surround(light, usable)
+        light = np.where(usable, surround[..., None, None] - light, 0.0)
+        clipped = np.zeros_like(clipped)
+    stored = None
+    if photograph.chroma is not None and cell == 1:
+        stored = StoredColour(photograph.chroma, photograph.encoding, surround)
     return DotImages(
         marks=chosen,
         light=light,
@@ -146,6 +170,7 @@ def dot_images_about(
         pixel_noise=pixel_noise,
         channels=photograph.pixels.shape[2],
         mosaic=None if own is None else photograph.mosaic,
+        stored=stored,
     )
 
 
@@ -232,12 +257,11 @@ def _continued_beyond_frame(light: np.ndarray, inside: np.ndarray) -> np.ndarray
     return found
 
 
-def _light_taken(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """By dark dots from what surrounds them; what is not known takes none."""
+def _surround(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Light around each dark dot, dots by channels; 0 where none is known."""
     nothing = ~usable.any((2, 3), keepdims=True)
     known = np.where(nothing, 0.0, np.where(usable, light, np.nan))
-    around = np.nanquantile(known, _AROUND, (2, 3), keepdims=True)
-    return np.where(usable, around - light, 0.0).astype(np.float32)
+    return np.nanquantile(known, _AROUND, (2, 3)).astype(light.dtype)
 
 
 def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:
@@ -272,7 +296,11 @@ def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
 
 
 def _pixel_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
-    """Deviation of neighbouring pixels where it is darkest, per channel.
+    """Deviation of pixels where it is darkest, per channel: from the next but one, or
+    from a parabola through those around, whichever is less.
+
+    The picture itself adds to both: its slopes to the first where blur is wide, its
+    edges to the second where they are sharp.
 
     The tails are left out, but not by a median: where black is recorded as 0 most
     steps between neighbours are 0 too. Interpolated pixels have less noise than those
@@ -281,10 +309,33 @@ def _pixel_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
     noise = []
     for k in range(3):
         row, column = (0, 0) if own is None else np.argwhere(own[:2, :2, k])[0]
-        sample = pixels[row::2, column::2, k].astype(np.float32)
-        smooth = cv2.boxFilter(sample, -1, (5, 5))
-        dark = smooth <= np.quantile(smooth, 0.25)
-        step = (sample[:, 1:] - sample[:, :-1])[dark[:, 1:]]
-        usual = np.abs(step) <= np.quantile(np.abs(step), 0.995)
-        noise.append(np.sqrt(np.mean(step[usual] ** 2) / 2))
+        half = pixels[row::2, column::2, k].astype(np.float32)
+        every = half if own is not None else pixels[..., k].astype(np.float32)
+        step = (half[:, 1:] - half[:, :-1])[_where_dark(half)[:, 1:]] / np.sqrt(2)
+        off = cv2.filter2D(every, -1, _OFF_PARABOLA)[_where_dark(every)]
+        noise.append(min(map(_usual_size, (step, off))))
     return np.asarray(noise, float)
+
+
+def _where_dark(light: np.ndarray) -> np.ndarray:
+    smooth = cv2.boxFilter(light, -1, (5, 5))
+    return smooth <= np.quantile(smooth, 0.25)
+
+
+def _usual_size(differences: np.ndarray) -> float:
+    """Root mean square without the tails."""
+    size = np.abs(differences)
+    return float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.995)] ** 2)))
+
+
+def _off_parabola(half: int) -> np.ndarray:
+    """Kernel that gives how far a pixel is from the parabola of least squares through
+    the square around it, over the deviation of that for noise of 1."""
+    y, x = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1)
+    off = np.eye(len(x)) - design @ np.linalg.pinv(design)
+    middle = off[len(x) // 2]
+    return (middle / np.linalg.norm(middle)).reshape(2 * half + 1, -1)
+
+
+_OFF_PARABOLA = _off_parabola(2)

@@ -11,9 +11,12 @@ a the amount and r the radius in pixels. The light across a straight edge is a s
 behind the blur, here a Gaussian and a disc, and the pixel; its power, filtered by S, is
 what was recorded. a, r and gamma are those of all photographs of a shoot, the blur is
 of each. A halo tells S; an edge without one tells nothing, since the blur of a disc is
-steep too. So S is looked for only where there are halos, and dividing by it takes them
-off: S is at least 1, so noise is damped, not raised. The filter acts on the luma, as
-cameras apply it, and is taken off that.
+steep too. Nor is all an edge that is steep: beside a corner, or where lines cross, more
+light comes together than farther away, and blur that is wider than what is around an
+edge mixes that in. An edge has to look the same a few pixels along it, and to be sharp
+enough to reach its plateaus. So S is looked for only where there are halos, and
+dividing by it takes them off: S is at least 1, so noise is damped, not raised. The
+filter acts on the luma, as cameras apply it, and is taken off that.
 
 Cameras that suppress halos on one side apply no such filter, and no S explains their
 edges: these stay, and are named.
@@ -47,11 +50,19 @@ _STEEP_QUANTILE, _STEEP_PART = 0.97, 0.5
 """Places are edges whose slope is so large a part of that of the steepest few."""
 _FLAT, _LEAST_CONTRAST = 0.08, 0.5
 """Deviation of a plateau over the contrast; contrast over that of strong edges."""
+_UNEVEN = 0.04
+"""How far the plateaus of all edges together may be off, over the contrast: a broad
+line, or a small dot, has none."""
+_BESIDE_PX = 3.0
+"""Along an edge, to both sides, where its plateaus have to be the same."""
+_MOST_RISE_PX = 5.0
+"""From a tenth of the contrast to nine tenths, of an edge that tells of sharpening."""
 _LEAST_HALO, _LEAST_LONE_HALO = 0.03, 0.05
 """Of the contrast, on both sides and on one; JPEG rings by .01, and uneven paper has
 been .03 brighter on one side."""
 _LEFT_HALO = 0.3
 """Share of the halos that a mask may leave in its own model: more is no mask."""
+_QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 _SIZE = 256
 """Samples of a modelled edge, 32 px to each side."""
 _MOST_PROFILES = 4
@@ -135,23 +146,53 @@ def edge_profile(photograph: Photograph) -> EdgeProfile | None:
     if len(places) < _FEWEST_EDGES:
         return None
     across_px = np.arange(-_HALF_PX, _HALF_PX + _STEP_PX / 2, _STEP_PX)
-    along = places[:, None] + across_px[:, None] * ways[:, None]
-    sampled = map_coordinates(light, along.T, order=1).T
+    sampled, *beside = (
+        _sampled_across(
+            light, places + along_px * ways @ _QUARTER_TURN, ways, across_px
+        )
+        for along_px in (0.0, -_BESIDE_PX, _BESIDE_PX)
+    )
     dark, bright = across_px < -_PLATEAU_PX, across_px > _PLATEAU_PX
     low, high = (np.median(sampled[:, side], 1) for side in (dark, bright))
     contrast = high - low
-    even = np.maximum(sampled[:, dark].std(1), sampled[:, bright].std(1))
+    uneven = [sampled[:, side].std(1) for side in (dark, bright)]
+    uneven += [
+        np.abs(np.median(other[:, side], 1) - level)
+        for other in beside
+        for side, level in ((dark, low), (bright, high))
+    ]
     strong = contrast > _LEAST_CONTRAST * np.quantile(contrast, 0.9)
-    good = strong & (even < _FLAT * contrast)
+    good = strong & (np.max(uneven, 0) < _FLAT * contrast)
     if np.count_nonzero(good) < _FEWEST_EDGES:
         return None
     scaled = (sampled[good] - low[good, None]) / contrast[good, None]
-    return EdgeProfile(
-        across_px,
-        np.median(scaled, 0),
-        float(np.median(low[good])),
-        float(np.median(high[good])),
-    )
+    profile = np.median(scaled, 0)
+    level = np.select([dark, bright], [0.0, 1.0], profile)
+    if np.abs(profile - level).max() > _UNEVEN:
+        return None
+    if _rise_px(across_px, profile) > _MOST_RISE_PX:
+        return None
+    levels = float(np.median(low[good])), float(np.median(high[good]))
+    return EdgeProfile(across_px, profile, *levels)
+
+
+def _sampled_across(
+    light: Float[np.ndarray, "height width"],
+    places: Float[np.ndarray, "edges 2"],
+    ways: Float[np.ndarray, "edges 2"],
+    across_px: Float[np.ndarray, " places"],
+) -> Float[np.ndarray, "edges places"]:
+    along = places[:, None] + across_px[:, None] * ways[:, None]
+    return map_coordinates(light, along.T, order=1, mode="nearest").T
+
+
+def _rise_px(
+    across_px: Float[np.ndarray, " places"], profile: Float[np.ndarray, " places"]
+) -> float:
+    """From the last place below a tenth of the contrast to the first above nine."""
+    low = across_px[profile < 0.1]
+    high = across_px[profile > 0.9]
+    return float(high.min() - low.max()) if len(low) and len(high) else np.inf
 
 
 def sharpening_of(profiles: Iterable[EdgeProfile | None]) -> Sharpening | None:

@@ -184,7 +184,7 @@ def _read(path: Path, data: bytes, encoding: str | None) -> Photograph:
 
 def _from_mosaic(photograph: Photograph, mosaic: Mosaic | None) -> Photograph:
     """With the mosaic as it lies on the picture, turned upright as that was."""
-    if mosaic is None or photograph.mosaic or photograph.chroma_subsampled:
+    if mosaic is None or photograph.mosaic or photograph.chroma:
         return photograph
     orientation = photograph.metadata["orientation"]
     turned = orientation if isinstance(orientation, int) else 1
@@ -263,7 +263,7 @@ def _from_raster(
         encoding=encoding,
         saturation=saturation,
         quantisation_step=step,
-        chroma_subsampled=raster.chroma_subsampled,
+        chroma=raster.chroma,
         metadata=metadata | _camera(raster.header, pixels),
     )
 

@@ -10,13 +10,14 @@ import logging
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 import tifffile
 from PIL import ExifTags, Image
 
+from lensfit.chroma import ChromaBlocks
 from lensfit.errors import ImageError
 from lensfit.io.decoding import (
     RASTER_BYTES_PER_SAMPLE,
@@ -51,13 +52,13 @@ class Raster:
     codes : uint8, uint16 or float32, upright; height x width x channels, of which there
         is one, or r, g, b.
     format : "png", "jpeg" or "tiff".
-    chroma_subsampled : Colour was stored at lower resolution than brightness.
+    chroma : Pixels that share one value of colour, upright; None where none do.
     header : EXIF or TIFF tags by name.
     """
 
     codes: np.ndarray
     format: str
-    chroma_subsampled: bool = False
+    chroma: ChromaBlocks | None = None
     header: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -82,10 +83,10 @@ def read_raster(data: bytes) -> Raster:
             remedy="give EXR, TIFF, PNG, JPEG or a camera raw file",
         )
     orientation = raster.header.get("Orientation", 1)
-    codes = upright_pixels(
-        raster.codes, orientation if isinstance(orientation, int) else 1
-    )
-    return Raster(codes, raster.format, raster.chroma_subsampled, raster.header)
+    turned = orientation if isinstance(orientation, int) else 1
+    chroma = raster.chroma and _upright_blocks(raster.chroma, raster.codes, turned)
+    codes = upright_pixels(raster.codes, turned)
+    return replace(raster, codes=codes, chroma=chroma)
 
 
 def upright_pixels(codes: np.ndarray, orientation: int) -> np.ndarray:
@@ -101,6 +102,22 @@ def upright_pixels(codes: np.ndarray, orientation: int) -> np.ndarray:
     elif orientation in (5, 7):
         turned = turned.swapaxes(0, 1)
     return np.ascontiguousarray(turned)
+
+
+def _upright_blocks(
+    blocks: ChromaBlocks, codes: np.ndarray, orientation: int
+) -> ChromaBlocks:
+    """Those of the picture turned by `upright_pixels`."""
+    # As few pixels as have the picture's borders and whole blocks each way.
+    size = np.array(blocks.size_px[::-1])
+    few = np.array(codes.shape[:2]) % size + 3 * size
+    number = np.indices(few) // size[:, None, None]
+    upright = upright_pixels(np.moveaxis(number, 0, -1), orientation)
+    along = upright[0], upright[:, 0]
+    begins = [np.flatnonzero(np.diff(line, axis=0).any(-1)) + 1 for line in along]
+    right, down = (int(np.diff(b)[0]) for b in begins)
+    first = (int(begins[0][0]) % right, int(begins[1][0]) % down)
+    return ChromaBlocks((right, down), first)
 
 
 def tiff_header(data: bytes) -> dict[str, object]:
@@ -125,9 +142,16 @@ def _read_jpeg(data: bytes) -> Raster:
             layers = getattr(image, "layer", [])
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise _damage_error("JPEG", error) from error
-    sampling = [(layer[1], layer[2]) for layer in layers]
-    subsampled = len(sampling) == 3 and any(s != sampling[0] for s in sampling[1:])
-    return Raster(_with_channel_axis(codes), "jpeg", subsampled, header)
+    return Raster(_with_channel_axis(codes), "jpeg", _chroma_blocks(layers), header)
+
+
+def _chroma_blocks(layers: list[tuple[int, int, int, int]]) -> ChromaBlocks | None:
+    """Of the layers of a JPEG file, as Pillow has them: samples across and down."""
+    if len(layers) != 3:
+        return None
+    (_, across, down, _), *colour = layers
+    size = (across // min(c[1] for c in colour), down // min(c[2] for c in colour))
+    return ChromaBlocks(size) if max(size) > 1 else None
 
 
 def _read_png(data: bytes) -> Raster:
@@ -147,9 +171,8 @@ def _read_png(data: bytes) -> Raster:
             header = _exif(image)
     except (OSError, SyntaxError, ValueError):
         header = {}
-    return Raster(
-        codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1], "png", False, header
-    )
+    channels = 3 if codes.shape[2] >= 3 else 1
+    return Raster(codes[..., :channels], "png", header=header)
 
 
 def _check_png(data: bytes) -> None:
@@ -192,7 +215,7 @@ def _read_tiff(data: bytes) -> Raster:
             f"holds {codes.dtype} samples",
             remedy="save it with 8 or 16 bits per sample, or as float",
         )
-    return Raster(codes, "tiff", False, header)
+    return Raster(codes, "tiff", header=header)
 
 
 def _tiff_codes(page, data: bytes) -> np.ndarray:

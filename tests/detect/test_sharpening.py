@@ -67,6 +67,29 @@ def test_blur_alone_is_no_sharpening(blur_px: float, disc: bool):
     assert found_in(photograph) is None
 
 
+def lines(width_px: float, blur_px: float, *, dark: bool) -> np.ndarray:
+    """Linear light of a slightly turned line grid behind a disc."""
+    height, width = (FINE * n for n in SIZE)
+    y, x = np.mgrid[:height, :width] / FINE
+    across = [(x + y / 20) % 30, (y - x / 25) % 30]
+    drawn = np.min(np.abs(np.array(across) - 15), 0) < width_px / 2
+    light = np.where(drawn != dark, BRIGHT, DARK).astype(np.float32)
+    reach = int(2 * blur_px * FINE) + 1
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    kernel = (np.hypot(u, v) <= 2 * blur_px * FINE).astype(np.float32)
+    light = cv2.filter2D(light, -1, kernel / kernel.sum())
+    return light.reshape(SIZE[0], FINE, SIZE[1], FINE).mean((1, 3))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width_px", [2.0, 4.0, 7.0])
+@pytest.mark.parametrize("blur_px", [0.4, 1.0, 2.0])
+def test_where_lines_cross_is_no_halo(width_px: float, blur_px: float, *, dark: bool):
+    """Light of two lines comes together there, and less of it farther along them."""
+    photograph = photographed(lines(width_px, blur_px, dark=dark), 0.004)
+    assert found_in(photograph) is None
+
+
 @pytest.mark.parametrize(
     "mask",
     [
