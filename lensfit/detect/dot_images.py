@@ -296,8 +296,8 @@ def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
 
 
 def _pixel_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
-    """Deviation of pixels where it is darkest, per channel: from the next but one, or
-    from a parabola through those around, whichever is less.
+    """Deviation of pixels where it is dark and even, per channel: from the next but
+    one, or from a parabola through those around, whichever is less.
 
     The picture itself adds to both: its slopes to the first where blur is wide, its
     edges to the second where they are sharp.
@@ -311,15 +311,19 @@ def _pixel_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
         row, column = (0, 0) if own is None else np.argwhere(own[:2, :2, k])[0]
         half = pixels[row::2, column::2, k].astype(np.float32)
         every = half if own is not None else pixels[..., k].astype(np.float32)
-        step = (half[:, 1:] - half[:, :-1])[_where_dark(half)[:, 1:]] / np.sqrt(2)
-        off = cv2.filter2D(every, -1, _OFF_PARABOLA)[_where_dark(every)]
+        step = (half[:, 1:] - half[:, :-1])[_where_even(half)[:, 1:]] / np.sqrt(2)
+        off = cv2.filter2D(every, -1, _OFF_PARABOLA)[_where_even(every)]
         noise.append(min(map(_usual_size, (step, off))))
     return np.asarray(noise, float)
 
 
-def _where_dark(light: np.ndarray) -> np.ndarray:
+def _where_even(light: np.ndarray) -> np.ndarray:
+    """The darkest quarter without the half that slopes most: edges are in that."""
     smooth = cv2.boxFilter(light, -1, (5, 5))
-    return smooth <= np.quantile(smooth, 0.25)
+    right, down = (cv2.Sobel(smooth, -1, *way) for way in ((1, 0), (0, 1)))
+    slope = np.hypot(right, down)
+    dark = smooth <= np.quantile(smooth, 0.25)
+    return dark & (slope <= np.median(slope[dark]))
 
 
 def _usual_size(differences: np.ndarray) -> float:

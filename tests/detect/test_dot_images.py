@@ -208,6 +208,22 @@ def test_read_noise_is_that_of_the_photograph(sigma, diameter):
     np.testing.assert_allclose(found.read_noise * found.cell_px, sigma, rtol=0.1)
 
 
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("blur_px", [0.7, 3.0, 5.0])
+def test_noise_is_not_the_slope_of_a_blurred_picture(blur_px: float, *, dark: bool):
+    """Dots of half the pitch, whose blur touches and leaves nothing even."""
+    sigma, pitch = 0.004, 20
+    row, column = np.indices(SIZE[::-1]) % pitch - (pitch - 1) / 2
+    scene = gaussian_filter((np.hypot(row, column) < pitch / 3).astype(float), blur_px)
+    light = (1 - scene if dark else scene)[..., None]
+    noisy = light + np.random.default_rng(4).normal(0, sigma, (*SIZE[::-1], 3))
+    marks = replace(marks_at([(200.0, 150.0)], 12.0), bright=not dark)
+    found = cut_dot_images(photograph_of(noisy), marks)
+    assert found is not None
+    assert (found.pixel_noise > 0.85 * sigma).all()
+    assert (found.pixel_noise < 1.5 * sigma).all()
+
+
 def test_without_sizes_there_is_nothing_to_cut():
     marks = marks_at([(200.0, 150.0)], np.nan)
     assert cut_dot_images(photograph_of(np.ones(SIZE[::-1])), marks) is None
