@@ -1,7 +1,8 @@
 """Writing photographs and truth: half-float EXR, PNG, JPEG, compact JSON.
 
-EXR and 16-bit PNG hold scene-linear samples; 8-bit PNG and JPEG are sRGB. Files appear
-whole or not at all.
+EXR and 16-bit PNG hold scene-linear samples; 8-bit PNG and JPEG are sRGB. JPEG has
+colour at half resolution (4:2:0), as cameras write it. Files appear whole or not at
+all.
 """
 
 import json
@@ -41,7 +42,7 @@ def write_picture(
     options = {
         "jpg": [
             cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY,
-            cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
         ],
     }.get(form, [cv2.IMWRITE_PNG_COMPRESSION, 9])  # fmt: skip
     with atomic_path(path) as temporary:

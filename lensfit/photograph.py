@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.chroma import ChromaBlocks
 from lensfit.mosaic import Mosaic, cropped_mosaic
 
 
@@ -29,8 +28,7 @@ class Photograph:
         when neither encoding nor pixels show a ceiling.
     quantisation_step : Largest scene-linear step between two codes near mid-grey;
         0 for floating point.
-    chroma : Pixels that share one value of colour (4:2:0, 4:2:2); None where colour was
-        stored at every pixel.
+    chroma_subsampled : Red and blue were stored at lower resolution (4:2:0, 4:2:2).
     metadata : What the header or EXIF says, by lensfit's own key names.
     mosaic : Which channel each pixel measured; the others were interpolated. None where
         every pixel measured every channel, or nobody knows.
@@ -42,7 +40,7 @@ class Photograph:
     encoding: str = "linear"
     saturation: float = float("inf")
     quantisation_step: float = 0.0
-    chroma: ChromaBlocks | None = None
+    chroma_subsampled: bool = False
     metadata: Mapping[str, object] = field(default_factory=dict)
     mosaic: Mosaic | None = None
 
@@ -69,6 +67,5 @@ class Photograph:
     def cropped(self, x0: int, y0: int, x1: int, y1: int) -> "Photograph":
         """The part from column x0 and row y0 up to column x1 and row y1."""
         mosaic = self.mosaic and cropped_mosaic(self.mosaic, x0, y0)
-        chroma = self.chroma and self.chroma.cropped(x0, y0)
         pixels = np.ascontiguousarray(self.pixels[y0:y1, x0:x1])
-        return replace(self, pixels=pixels, mosaic=mosaic, chroma=chroma)
+        return replace(self, pixels=pixels, mosaic=mosaic)

@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from lensfit.chroma import ChromaBlocks
 from lensfit.detect.observations import Observations
 from lensfit.mosaic import PIXELS_PER_PHOTOSITE, Mosaic, photosites
 from lensfit.photograph import Photograph
@@ -40,21 +39,6 @@ _FROM_ENDS = 0.5
 _AROUND = 0.9
 """Quantile of a dot image's light that is the surround of a dark dot."""
 _LARGEST_CELL_PX = 16
-
-
-class StoredColour(NamedTuple):
-    """How a file keeps the colour of dot images at lower resolution.
-
-    Attributes
-    ----------
-    blocks : Pixels that share one value of colour.
-    encoding : Of the file.
-    surround : What dark dots' light was taken from, dots by channels; 0 of bright ones.
-    """
-
-    blocks: ChromaBlocks
-    encoding: str
-    surround: Float[np.ndarray, "dots 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +60,6 @@ class DotImages:
     channels : 3, or 1 for a grey photograph.
     mosaic : Of the photograph, if each pixel measured one channel.
     towards_px : From the middle of a dot to the imaged rim; None for whole dots.
-    stored : How the file keeps colour at lower resolution, where cells show that.
     """
 
     marks: Int[np.ndarray, " dots"]
@@ -90,7 +73,6 @@ class DotImages:
     channels: int
     mosaic: Mosaic | None = None
     towards_px: Float[np.ndarray, "dots 2"] | None = None
-    stored: StoredColour | None = None
 
     @property
     def read_noise(self) -> Float[np.ndarray, " 3"]:
@@ -147,18 +129,12 @@ def dot_images_about(
     if not marks.are_lines:
         own_cells = own_cells & _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
-    surround = np.zeros(light.shape[:2], light.dtype)
     if marks.are_edges:
         light = _continued_beyond_frame(light, cells.inside)
     usable = cells.measured & own_cells[:, None]
     if marks.are_dark_dots:
         usable = usable & ~clipped
-        surround = _surround(light, usable)
-        light = np.where(usable, surround[..., None, None] - light, 0.0)
-        clipped = np.zeros_like(clipped)
-    stored = None
-    if photograph.chroma is not None and cell == 1:
-        stored = StoredColour(photograph.chroma, photograph.encoding, surround)
+        light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
     return DotImages(
         marks=chosen,
         light=light,
@@ -170,7 +146,6 @@ def dot_images_about(
         pixel_noise=pixel_noise,
         channels=photograph.pixels.shape[2],
         mosaic=None if own is None else photograph.mosaic,
-        stored=stored,
     )
 
 
@@ -257,11 +232,12 @@ def _continued_beyond_frame(light: np.ndarray, inside: np.ndarray) -> np.ndarray
     return found
 
 
-def _surround(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Light around each dark dot, dots by channels; 0 where none is known."""
+def _light_taken(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """By dark dots from what surrounds them; what is not known takes none."""
     nothing = ~usable.any((2, 3), keepdims=True)
     known = np.where(nothing, 0.0, np.where(usable, light, np.nan))
-    return np.nanquantile(known, _AROUND, (2, 3)).astype(light.dtype)
+    around = np.nanquantile(known, _AROUND, (2, 3), keepdims=True)
+    return np.where(usable, around - light, 0.0).astype(np.float32)
 
 
 def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:

@@ -216,7 +216,7 @@ def _notes(
             f"The {kind} spans {span[0]:.0%} of the width and {span[1]:.0%} of the "
             "height; distortion outside it is extrapolated."
         )
-    if photograph.chroma is not None:
+    if photograph.chroma_subsampled:
         notes.append(
             "Red and blue are stored at lower resolution: lateral colour, and blur of "
             "what is in focus, are uncertain; hand in the photograph as it was before "

@@ -35,7 +35,7 @@ def mosaic_seen(photograph: Photograph) -> Mosaic | None:
     or holds red and blue at lower resolution, where to state it would be of no use.
     """
     pixels = photograph.pixels
-    if photograph.mosaic or photograph.chroma or pixels.shape[2] != 3:
+    if photograph.mosaic or photograph.chroma_subsampled or pixels.shape[2] != 3:
         return None
     turned = photograph.metadata.get("orientation", 1) != 1
     if turned or min(pixels.shape[:2]) < 8 * _BLOCK:

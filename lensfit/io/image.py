@@ -30,9 +30,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, UInt16
 
 from lensfit.bounded import refuse_pipe
+from lensfit.chroma import with_fringes
 from lensfit.coords import pixels_over_window
 from lensfit.errors import ImageError
 from lensfit.io.decoding import PHOTOGRAPH_BYTES_PER_PX
@@ -184,7 +185,7 @@ def _read(path: Path, data: bytes, encoding: str | None) -> Photograph:
 
 def _from_mosaic(photograph: Photograph, mosaic: Mosaic | None) -> Photograph:
     """With the mosaic as it lies on the picture, turned upright as that was."""
-    if mosaic is None or photograph.mosaic or photograph.chroma:
+    if mosaic is None or photograph.mosaic or photograph.chroma_subsampled:
         return photograph
     orientation = photograph.metadata["orientation"]
     turned = orientation if isinstance(orientation, int) else 1
@@ -248,9 +249,13 @@ def _from_raster(
     else:
         encoding = encoding or "srgb"
         table = _decoding_table(encoding, codes.dtype.itemsize)
-        pixels = cv2.LUT(codes, table) if codes.dtype == np.uint8 else table[codes]
-        pixels = pixels.reshape(codes.shape)
         saturation, step = float(table[-1]), _step_at_grey(table, encoding)
+        if raster.chroma is not None:
+            pixels = _decoding_table(encoding, 2)[_codes_with_fringes(raster)]
+        elif codes.dtype == np.uint8:
+            pixels = cv2.LUT(codes, table).reshape(codes.shape)
+        else:
+            pixels = table[codes]
     metadata = {
         "format": raster.format,
         "bit_depth": 8 * codes.dtype.itemsize,
@@ -263,9 +268,20 @@ def _from_raster(
         encoding=encoding,
         saturation=saturation,
         quantisation_step=step,
-        chroma=raster.chroma,
+        chroma_subsampled=raster.chroma is not None,
         metadata=metadata | _camera(raster.header, pixels),
     )
+
+
+def _codes_with_fringes(raster: Raster) -> UInt16[np.ndarray, "height width 3"]:
+    """Codes of 16 bits, colour as before it was stored in blocks; clipped pixels as
+    they are."""
+    assert raster.chroma is not None
+    largest = np.iinfo(raster.codes.dtype).max
+    codes = raster.codes.astype(np.float32) / largest
+    clipped = (raster.codes == largest).any(-1, keepdims=True)
+    codes = np.where(clipped, codes, with_fringes(codes, raster.chroma))
+    return np.round(np.clip(codes, 0.0, 1.0) * 65535).astype(np.uint16)
 
 
 @cache

@@ -194,7 +194,7 @@ def _inspect(
         data_window=_window(metadata, "data_window"),
         display_window=_window(metadata, "display_window"),
         clipped_fraction=_clipped_fraction(photograph),
-        chroma_subsampled=photograph.chroma is not None,
+        chroma_subsampled=photograph.chroma_subsampled,
         orientation=int(str(metadata["orientation"])),
         camera=camera,
         mosaic=photograph.mosaic or mosaic_seen(photograph),

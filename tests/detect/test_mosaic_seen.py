@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lensfit.chroma import ChromaBlocks
 from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.mosaic import MOSAICS, filled_in, photosites
 from lensfit.photograph import Photograph
@@ -66,5 +65,5 @@ def test_nothing_is_said_of_pictures_that_tell_nothing():
 def test_what_is_stated_or_lost_is_not_told():
     seen = photograph_of(filled_in(noisy(), "rggb"))
     assert mosaic_seen(replace(seen, mosaic="rggb")) is None
-    assert mosaic_seen(replace(seen, chroma=ChromaBlocks((2, 2)))) is None
+    assert mosaic_seen(replace(seen, chroma_subsampled=True)) is None
     assert mosaic_seen(replace(seen, metadata={"orientation": 6})) is None

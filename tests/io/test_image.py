@@ -116,7 +116,7 @@ def test_jpeg_chroma(tmp_path: Path, sampling: str, subsampled: bool):
     codes = np.stack(np.broadcast_arrays(ramp, ramp[:, None], 128), -1).astype(np.uint8)
     Image.fromarray(codes).save(tmp_path / "a.jpg", quality=98, subsampling=sampling)
     photograph = read_photograph(tmp_path / "a.jpg", "linear")
-    assert (photograph.chroma is not None) is subsampled
+    assert photograph.chroma_subsampled is subsampled
     np.testing.assert_allclose(photograph.pixels * 255, codes, atol=8)
 
 
@@ -125,7 +125,7 @@ def test_grey_jpeg(tmp_path: Path):
     Image.fromarray(codes).save(tmp_path / "a.jpg", quality=98)
     photograph = read_photograph(tmp_path / "a.jpg")
     assert photograph.pixels.shape == (64, 64, 1)
-    assert photograph.chroma is None
+    assert photograph.chroma_subsampled is False
 
 
 @pytest.mark.parametrize("size", [(8, 6), (7, 6), (8, 5)])
@@ -366,7 +366,7 @@ def test_raw_is_linear_camera_light(tmp_path: Path):
 def test_real_photographs(data_dir: Path):
     gopro = read_photograph(data_dir / "real" / "discorpy" / "GoPro8_dot_pattern.jpg")
     assert gopro.size_px == (4000, 3000)
-    assert gopro.chroma is not None
+    assert gopro.chroma_subsampled
     assert gopro.metadata["focal_length_mm"] == 3.0
     assert gopro.metadata["camera_model"] == "HERO8 Black"
     xray = read_photograph(data_dir / "real" / "discorpy" / "dot_pattern_04.jpg")

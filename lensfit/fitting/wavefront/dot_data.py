@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from lensfit.detect.dot_images import DotImages
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.chart_view import Widths
@@ -61,21 +60,6 @@ class Beam(NamedTuple):
 OF_F_NUMBER = Beam(1.0, 0.0)
 
 
-class LightAsStored(NamedTuple):
-    """What files gave of each patch.
-
-    Attributes
-    ----------
-    light : As in `DotImages`.
-    surround : What the light of dark dots was taken from; 0 of bright ones.
-    corner_px : Pixel corner of each patch.
-    """
-
-    light: Float[np.ndarray, "dots 3 rows columns"]
-    surround: Float[np.ndarray, "dots 3"]
-    corner_px: Int[np.ndarray, "dots 2"]
-
-
 class PhotographedFallOff(NamedTuple):
     """Fall-off at a stated f-number, of a state of this principal distance."""
 
@@ -105,8 +89,6 @@ class DotData:
     first_order : At the reference state.
     beam : How wide the beam through a stop is.
     fall_offs : How the light falls off over the frame, as far as it was photographed.
-    as_stored : As files gave it, where these keep colour at lower resolution; `light`
-        has then what that lost, as far as it was predicted.
     """
 
     photographs: tuple[DotPhotograph, ...]
@@ -128,7 +110,6 @@ class DotData:
     first_order: FirstOrder
     beam: Beam = OF_F_NUMBER
     fall_offs: tuple[PhotographedFallOff, ...] = ()
-    as_stored: LightAsStored | None = None
 
     @property
     def widths(self) -> Widths:
@@ -262,22 +243,6 @@ def _dot_data(
         reference_distance_mm=known.distance_mm,
         focus=known.focus,
         first_order=known.first_order,
-        as_stored=_as_stored(cut),
-    )
-
-
-def _as_stored(cut: list[DotImages]) -> LightAsStored | None:
-    """None where every file keeps colour at every cell."""
-    if all(one.stored is None for one in cut):
-        return None
-    surround = [
-        np.zeros(one.light.shape[:2]) if one.stored is None else one.stored.surround
-        for one in cut
-    ]
-    return LightAsStored(
-        np.concatenate([one.light for one in cut]),
-        np.concatenate(surround),
-        np.concatenate([one.corner_px for one in cut]),
     )
 
 
@@ -311,7 +276,6 @@ def select_dots(dot_data: DotData, rows: Int[np.ndarray, " some"]) -> DotData:
     return replace(
         dot_data,
         dots=jax.tree.map(lambda a: a[rows], dot_data.dots),
-        as_stored=jax.tree.map(lambda a: a[rows], dot_data.as_stored),
         **{name: getattr(dot_data, name)[rows] for name in parts},
     )
 

@@ -26,7 +26,6 @@ from lensfit.fitting.wavefront.dot_weights import (
     initial_weights,
     robust_weights,
 )
-from lensfit.fitting.wavefront.lost_colour import restore_colour
 from lensfit.fitting.wavefront.normal import (
     DEFAULT_POINTS,
     FOLDS,
@@ -394,13 +393,11 @@ def _shifted_corners_mm(stage: Stage) -> np.ndarray:
 
 
 def update_robust_weights(stage: Stage, share: float = MODEL_SHARE) -> Stage:
-    """The same with robust weights from the residuals of the last solve, and with the
-    colour that files lost as far as it predicts that."""
-    modelled = stage.dot_data.light - stage.residual
-    dot_data = restore_colour(stage.dot_data, modelled)
-    residual = dot_data.light - modelled
-    weight = robust_weights(dot_data, residual, stage.nuisance[..., 1], share)
-    return replace(stage, dot_data=dot_data, weight=weight)
+    """The same with robust weights from the residuals of the last solve."""
+    weight = robust_weights(
+        stage.dot_data, stage.residual, stage.nuisance[..., 1], share
+    )
+    return replace(stage, weight=weight)
 
 
 def chi_squared(stage: Stage) -> float:

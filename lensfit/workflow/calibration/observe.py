@@ -327,7 +327,7 @@ def _mosaic_notes(shoot: Shoot, photograph: Photograph) -> tuple[str, ...]:
     if not shoot.camera.mosaic or photograph.mosaic:
         return ()
     why = "it is a raw file of another pattern"
-    if photograph.chroma is not None:
+    if photograph.chroma_subsampled:
         why = (
             "red and blue are stored at lower resolution; hand in the photograph as it "
             "was before JPEG"
