@@ -110,8 +110,8 @@ def _upright_blocks(
     """Those of the picture turned by `upright_pixels`."""
     # As few pixels as have the picture's borders and whole blocks each way.
     size = np.array(blocks.size_px[::-1])
-    few = np.array(codes.shape[:2]) % size + 3 * size
-    number = np.indices(few) // size[:, None, None]
+    rows, columns = np.array(codes.shape[:2]) % size + 3 * size
+    number = np.indices((int(rows), int(columns))) // size[:, None, None]
     upright = upright_pixels(np.moveaxis(number, 0, -1), orientation)
     along = upright[0], upright[:, 0]
     begins = [np.flatnonzero(np.diff(line, axis=0).any(-1)) + 1 for line in along]
