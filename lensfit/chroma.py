@@ -21,6 +21,7 @@ upsampling, ACM Trans. Graphics 26 (2007) 96; K. He, J. Sun and X. Tang, Guided 
 filtering, IEEE TPAMI 35 (2013) 1397.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -37,8 +38,9 @@ _CELL_BLOCKS = 8
 """Along a cell, of which there is one set of constants."""
 _NEIGHBOURHOOD_CELLS = 1.0
 """Standard deviation of the Gaussian over which constants are fitted."""
-_STRIP_CELLS, _MARGIN_CELLS = 32, 4
-"""Down a strip, one of which is held in memory at a time; and beyond it."""
+_STRIP_CELLS, _MARGIN_CELLS = 16, 3
+"""Down a strip, of which few are in memory at a time; and beyond it."""
+_THREADS = 2
 _SHARE_PUT_BACK = 0.02
 """Of the square of what is put back, in the sum that the fit minimises."""
 _TINY = 1e-12
@@ -68,14 +70,17 @@ def with_fringes(
     """
     padded, inside = _in_whole_cells(codes, blocks)
     cell = blocks.size_px[1] * _CELL_BLOCKS
-    found = np.empty_like(padded)
-    for first in range(0, len(padded), _STRIP_CELLS * cell):
-        last = min(first + _STRIP_CELLS * cell, len(padded))
+
+    def strip(first: int) -> Float32[np.ndarray, "rows columns 3"]:
         begin = max(first - _MARGIN_CELLS * cell, 0)
-        strip = padded[begin : last + _MARGIN_CELLS * cell]
-        of_strip = _strip_with_fringes(strip, blocks.size_px)
-        found[first:last] = of_strip[first - begin : last - begin]
-    return found[inside]
+        last = first + _STRIP_CELLS * cell
+        part = padded[begin : last + _MARGIN_CELLS * cell]
+        found = _strip_with_fringes(part, blocks.size_px)
+        return found[first - begin : last - begin]
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        strips = pool.map(strip, range(0, len(padded), _STRIP_CELLS * cell))
+        return np.concatenate(list(strips))[inside]
 
 
 def _strip_with_fringes(
