@@ -13,8 +13,9 @@ within its prior, and the step that the fit would take if they were is one error
 the rest. Errors that no dot shows are added, as in `fitting.systematic`: what a model
 misses is partly visible in the residuals, beyond the noise, and partly absorbed by its
 parameters. All of these are taken to be off together by what changes the images of dots
-as much as the visible part does. Where detected points are placed a constant share
-takes its place.
+as much as the visible part does. Along edges most of what is visible is no error of the
+lens, but ink, uneven light, and what JPEG left: there, and where detected points are
+placed, a constant share takes its place.
 
 Reference: on lean models, the documentation of mrcal on projection uncertainty; P. J.
 Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; over groups, with
@@ -28,6 +29,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fitting.systematic import covariance_nearest, systematic_covariance
+from lensfit.fitting.wavefront.dot_arrays import show_edges
 from lensfit.fitting.wavefront.dot_weights import missed_factor, noise_variances
 from lensfit.fitting.wavefront.stages import Stage
 from lensfit.fitting.wavefront.term_group_selection import CELLS_PER_DOT
@@ -138,13 +140,14 @@ def fixed_stop_ratios(
 
 def _chi_squared_of_images(stage: Stage) -> tuple[float, float]:
     """Of the whole images of all dots, edges as `missed_factor` has them, and of what
-    the model visibly misses of them, beyond the noise."""
+    the model visibly misses of those that are no edges, beyond the noise."""
     background = stage.nuisance[..., 1]
     modelled = stage.dot_data.light - stage.residual - background[..., None, None]
     noise = noise_variances(stage.dot_data, stage.residual, background)
     factor = missed_factor(stage.dot_data)[:, None, None, None]
     whole = np.sum(stage.weight * (factor * modelled) ** 2)
-    visible = np.sum(stage.weight * (stage.residual**2 - noise))
+    missed = stage.weight * (stage.residual**2 - noise)
+    visible = np.sum(missed[~show_edges(stage.dot_data.dots)])
     return float(whole), float(visible)
 
 
