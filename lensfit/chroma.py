@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt, UInt16
 
 Picture = Float32[np.ndarray, "height width"]
 
@@ -44,6 +44,7 @@ _THREADS = 2
 _SHARE_PUT_BACK = 0.02
 """Of the square of what is put back, in the sum that the fit minimises."""
 _TINY = 1e-12
+_LARGEST_CODE = 65535
 
 
 class ChromaBlocks(NamedTuple):
@@ -59,23 +60,28 @@ class ChromaBlocks(NamedTuple):
     first_px: tuple[int, int] = (0, 0)
 
 
-def with_fringes(
-    codes: Float32[np.ndarray, "height width 3"], blocks: ChromaBlocks
-) -> Float32[np.ndarray, "height width 3"]:
-    """Encoded red, green and blue as before colour was stored in blocks.
+def codes_with_fringes(
+    codes: UInt[np.ndarray, "height width 3"], blocks: ChromaBlocks
+) -> UInt16[np.ndarray, "height width 3"]:
+    """Encoded red, green and blue as before colour was stored in blocks, of 16 bits;
+    clipped pixels as they are.
 
     Parameters
     ----------
     codes : As the file was read, interpolated.
     """
     padded, inside = _in_whole_cells(codes, blocks)
+    largest = np.iinfo(codes.dtype).max
     cell = blocks.size_px[1] * _CELL_BLOCKS
 
-    def strip(first: int) -> Float32[np.ndarray, "rows columns 3"]:
+    def strip(first: int) -> UInt16[np.ndarray, "rows columns 3"]:
         begin = max(first - _MARGIN_CELLS * cell, 0)
         last = first + _STRIP_CELLS * cell
         part = padded[begin : last + _MARGIN_CELLS * cell]
-        found = _strip_with_fringes(part, blocks.size_px)
+        given = part.astype(np.float32) / largest
+        clipped = (part == largest).any(-1, keepdims=True)
+        found = np.where(clipped, given, _with_fringes(given, blocks.size_px))
+        found = np.round(np.clip(found, 0.0, 1.0) * _LARGEST_CODE).astype(np.uint16)
         return found[first - begin : last - begin]
 
     with ThreadPoolExecutor(_THREADS) as pool:
@@ -83,10 +89,10 @@ def with_fringes(
         return np.concatenate(list(strips))[inside]
 
 
-def _strip_with_fringes(
+def _with_fringes(
     codes: Float32[np.ndarray, "rows columns 3"], size_px: tuple[int, int]
 ) -> Float32[np.ndarray, "rows columns 3"]:
-    """Of whole cells."""
+    """Of a strip of whole cells, from 0 to 1."""
     luma = codes @ _LUMA
     red, blue = (codes[..., k] - luma for k in (_RED, _BLUE))
     low, lost = [], []
@@ -105,8 +111,8 @@ def _strip_with_fringes(
 
 
 def _in_whole_cells(
-    codes: Float32[np.ndarray, "height width 3"], blocks: ChromaBlocks
-) -> tuple[Float32[np.ndarray, "rows columns 3"], tuple[slice, slice]]:
+    codes: UInt[np.ndarray, "height width 3"], blocks: ChromaBlocks
+) -> tuple[UInt[np.ndarray, "rows columns 3"], tuple[slice, slice]]:
     """The picture continued to whole cells, and where it lies in that."""
     pads, inside = [], []
     for count, size, first in zip(

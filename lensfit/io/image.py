@@ -30,10 +30,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt16
+from jaxtyping import Float, Float32
 
 from lensfit.bounded import refuse_pipe
-from lensfit.chroma import with_fringes
+from lensfit.chroma import codes_with_fringes
 from lensfit.coords import pixels_over_window
 from lensfit.errors import ImageError
 from lensfit.io.decoding import PHOTOGRAPH_BYTES_PER_PX
@@ -251,7 +251,8 @@ def _from_raster(
         table = _decoding_table(encoding, codes.dtype.itemsize)
         saturation, step = float(table[-1]), _step_at_grey(table, encoding)
         if raster.chroma is not None:
-            pixels = _decoding_table(encoding, 2)[_codes_with_fringes(raster)]
+            finer = codes_with_fringes(codes, raster.chroma)
+            pixels = _decoding_table(encoding, finer.dtype.itemsize)[finer]
         elif codes.dtype == np.uint8:
             pixels = cv2.LUT(codes, table).reshape(codes.shape)
         else:
@@ -271,17 +272,6 @@ def _from_raster(
         chroma_subsampled=raster.chroma is not None,
         metadata=metadata | _camera(raster.header, pixels),
     )
-
-
-def _codes_with_fringes(raster: Raster) -> UInt16[np.ndarray, "height width 3"]:
-    """Codes of 16 bits, colour as before it was stored in blocks; clipped pixels as
-    they are."""
-    assert raster.chroma is not None
-    largest = np.iinfo(raster.codes.dtype).max
-    codes = raster.codes.astype(np.float32) / largest
-    clipped = (raster.codes == largest).any(-1, keepdims=True)
-    codes = np.where(clipped, codes, with_fringes(codes, raster.chroma))
-    return np.round(np.clip(codes, 0.0, 1.0) * 65535).astype(np.uint16)
 
 
 @cache
