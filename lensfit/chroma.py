@@ -22,7 +22,7 @@ filtering, IEEE TPAMI 35 (2013) 1397.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from typing import NamedTuple
 
 import cv2
@@ -38,8 +38,8 @@ _CELL_BLOCKS = 8
 """Along a cell, of which there is one set of constants."""
 _NEIGHBOURHOOD_CELLS = 1.0
 """Standard deviation of the Gaussian over which constants are fitted."""
-_STRIP_CELLS, _MARGIN_CELLS = 16, 3
-"""Down a strip, of which few are in memory at a time; and beyond it."""
+_TILE_CELLS, _MARGIN_CELLS = 32, 3
+"""Along a tile, whose pictures stay in a processor's cache; and beyond it."""
 _THREADS = 2
 _SHARE_PUT_BACK = 0.02
 """Of the square of what is put back, in the sum that the fit minimises."""
@@ -60,6 +60,23 @@ class ChromaBlocks(NamedTuple):
     first_px: tuple[int, int] = (0, 0)
 
 
+class _Span:
+    """A tile along one axis.
+
+    Attributes
+    ----------
+    own, seen : Its pixels of the picture, and with the margin.
+    within : The first among the second.
+    """
+
+    def __init__(self, first: int, cell: int, count: int):
+        last = min(first + _TILE_CELLS * cell, count)
+        begin = max(first - _MARGIN_CELLS * cell, 0)
+        self.own = slice(first, last)
+        self.seen = slice(begin, last + _MARGIN_CELLS * cell)
+        self.within = slice(first - begin, last - begin)
+
+
 def codes_with_fringes(
     codes: UInt[np.ndarray, "height width 3"], blocks: ChromaBlocks
 ) -> UInt16[np.ndarray, "height width 3"]:
@@ -72,27 +89,33 @@ def codes_with_fringes(
     """
     padded, inside = _in_whole_cells(codes, blocks)
     largest = np.iinfo(codes.dtype).max
-    cell = blocks.size_px[1] * _CELL_BLOCKS
+    cells = [_CELL_BLOCKS * size for size in blocks.size_px[::-1]]
+    counts = padded.shape[:2]
+    found = np.empty(padded.shape, np.uint16)
 
-    def strip(first: int) -> UInt16[np.ndarray, "rows columns 3"]:
-        begin = max(first - _MARGIN_CELLS * cell, 0)
-        last = first + _STRIP_CELLS * cell
-        part = padded[begin : last + _MARGIN_CELLS * cell]
+    def put_back(first: tuple[int, int]) -> None:
+        """In the tile of which this is the first pixel."""
+        spans = [_Span(*axis) for axis in zip(first, cells, counts, strict=True)]
+        part = padded[*(span.seen for span in spans)]
         given = part.astype(np.float32) / largest
         clipped = (part == largest).any(-1, keepdims=True)
-        found = np.where(clipped, given, _with_fringes(given, blocks.size_px))
-        found = np.round(np.clip(found, 0.0, 1.0) * _LARGEST_CODE).astype(np.uint16)
-        return found[first - begin : last - begin]
+        tile = np.where(clipped, given, _with_fringes(given, blocks.size_px))
+        tile = np.round(np.clip(tile, 0.0, 1.0) * _LARGEST_CODE)
+        found[*(span.own for span in spans)] = tile[*(span.within for span in spans)]
 
+    firsts = (
+        range(0, count, _TILE_CELLS * cell)
+        for count, cell in zip(counts, cells, strict=True)
+    )
     with ThreadPoolExecutor(_THREADS) as pool:
-        strips = pool.map(strip, range(0, len(padded), _STRIP_CELLS * cell))
-        return np.concatenate(list(strips))[inside]
+        list(pool.map(put_back, product(*firsts)))
+    return found[inside]
 
 
 def _with_fringes(
     codes: Float32[np.ndarray, "rows columns 3"], size_px: tuple[int, int]
 ) -> Float32[np.ndarray, "rows columns 3"]:
-    """Of a strip of whole cells, from 0 to 1."""
+    """Of a tile of whole cells, from 0 to 1."""
     luma = codes @ _LUMA
     red, blue = (codes[..., k] - luma for k in (_RED, _BLUE))
     low, lost = [], []

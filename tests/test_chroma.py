@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from lensfit import chroma
 from lensfit.chroma import ChromaBlocks, codes_with_fringes
 from lensfit.io.raster import Raster, read_raster, upright_pixels
 
@@ -115,6 +116,20 @@ def test_a_picture_without_edges_stays():
     assert raster.chroma is not None
     read = raster.codes.astype(np.float32) / 255
     assert np.abs(with_fringes(read, raster.chroma) - read).max() < 8 / 255
+
+
+def test_tiles_do_not_show(monkeypatch: pytest.MonkeyPatch):
+    noise = np.random.default_rng(1).normal(size=(600, 700))
+    light = gaussian_filter(noise, 1.5)
+    light = 0.5 + 0.1 * light / light.std()
+    codes = np.stack([np.roll(light, k, (0, 1)) for k in (-1, 0, 1)], -1).clip(0.1, 0.9)
+    raster = through_jpeg(codes, "4:2:0")
+    assert raster.chroma is not None
+    found = codes_with_fringes(raster.codes, raster.chroma) / 65535
+    monkeypatch.setattr(chroma, "_TILE_CELLS", 1000)
+    of_one = codes_with_fringes(raster.codes, raster.chroma) / 65535
+    assert of_edges(of_one - raster.codes / 255) > 0.005
+    assert np.abs(found - of_one).max() < 0.003
 
 
 @pytest.mark.parametrize("corner", [(7, 4), (5, 9), (2, 3)])
