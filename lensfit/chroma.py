@@ -31,8 +31,8 @@ from jaxtyping import Float32, UInt, UInt16
 
 Picture = Float32[np.ndarray, "height width"]
 
-_LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-"""Weights of red, green and blue in Y (ITU-T T.871)."""
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+"""Weights of red, green and blue in Y, the luma (ITU-T T.871)."""
 _RED, _GREEN, _BLUE = range(3)
 _CELL_BLOCKS = 8
 """Along a cell, of which there is one set of constants."""
@@ -60,7 +60,7 @@ class ChromaBlocks(NamedTuple):
     first_px: tuple[int, int] = (0, 0)
 
 
-class _Span:
+class _Span(NamedTuple):
     """A tile along one axis.
 
     Attributes
@@ -69,12 +69,9 @@ class _Span:
     within : The first among the second.
     """
 
-    def __init__(self, first: int, cell: int, count: int):
-        last = min(first + _TILE_CELLS * cell, count)
-        begin = max(first - _MARGIN_CELLS * cell, 0)
-        self.own = slice(first, last)
-        self.seen = slice(begin, last + _MARGIN_CELLS * cell)
-        self.within = slice(first - begin, last - begin)
+    own: slice
+    seen: slice
+    within: slice
 
 
 def codes_with_fringes(
@@ -89,34 +86,46 @@ def codes_with_fringes(
     """
     padded, inside = _in_whole_cells(codes, blocks)
     largest = np.iinfo(codes.dtype).max
-    cells = [_CELL_BLOCKS * size for size in blocks.size_px[::-1]]
-    counts = padded.shape[:2]
     found = np.empty(padded.shape, np.uint16)
 
-    def put_back(first: tuple[int, int]) -> None:
-        """In the tile of which this is the first pixel."""
-        spans = [_Span(*axis) for axis in zip(first, cells, counts, strict=True)]
-        part = padded[*(span.seen for span in spans)]
+    def put_back(tile_spans: tuple[_Span, _Span]) -> None:
+        """In the tile of these rows and columns."""
+        own, seen, within = zip(*tile_spans, strict=True)
+        part = padded[seen]
         given = part.astype(np.float32) / largest
         clipped = (part == largest).any(-1, keepdims=True)
         tile = np.where(clipped, given, _with_fringes(given, blocks.size_px))
         tile = np.round(np.clip(tile, 0.0, 1.0) * _LARGEST_CODE)
-        found[*(span.own for span in spans)] = tile[*(span.within for span in spans)]
+        found[own] = tile[within]
 
-    firsts = (
-        range(0, count, _TILE_CELLS * cell)
-        for count, cell in zip(counts, cells, strict=True)
+    spans = (
+        _spans(count, _CELL_BLOCKS * size)
+        for count, size in zip(padded.shape[:2], blocks.size_px[::-1], strict=True)
     )
     with ThreadPoolExecutor(_THREADS) as pool:
-        list(pool.map(put_back, product(*firsts)))
+        list(pool.map(put_back, product(*spans)))
     return found[inside]
+
+
+def _spans(count: int, cell_px: int) -> list[_Span]:
+    """Tiles along an axis of so many pixels."""
+    margin_px, found = _MARGIN_CELLS * cell_px, []
+    for first in range(0, count, _TILE_CELLS * cell_px):
+        last = min(first + _TILE_CELLS * cell_px, count)
+        begin = max(first - margin_px, 0)
+        seen, within = (
+            slice(begin, last + margin_px),
+            slice(first - begin, last - begin),
+        )
+        found.append(_Span(slice(first, last), seen, within))
+    return found
 
 
 def _with_fringes(
     codes: Float32[np.ndarray, "rows columns 3"], size_px: tuple[int, int]
 ) -> Float32[np.ndarray, "rows columns 3"]:
     """Of a tile of whole cells, from 0 to 1."""
-    luma = codes @ _LUMA
+    luma = codes @ LUMA
     red, blue = (codes[..., k] - luma for k in (_RED, _BLUE))
     low, lost = [], []
     for feature in _features(luma):
@@ -129,7 +138,7 @@ def _with_fringes(
     for away, of_features in zip((red, blue), constants, strict=True):
         for one, of_cells in zip(lost, of_features, strict=True):
             away += one * cv2.resize(of_cells, luma.shape[::-1])
-    green = -(_LUMA[_RED] * red + _LUMA[_BLUE] * blue) / _LUMA[_GREEN]
+    green = -(LUMA[_RED] * red + LUMA[_BLUE] * blue) / LUMA[_GREEN]
     return luma[..., None] + np.stack([red, green, blue], -1)
 
 

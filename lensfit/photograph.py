@@ -28,7 +28,8 @@ class Photograph:
         when neither encoding nor pixels show a ceiling.
     quantisation_step : Largest scene-linear step between two codes near mid-grey;
         0 for floating point.
-    chroma_subsampled : Red and blue were stored at lower resolution (4:2:0, 4:2:2).
+    chroma_subsampled : Red and blue were stored at lower resolution (4:2:0, 4:2:2);
+        `pixels` have most of what that lost again (`chroma`).
     metadata : What the header or EXIF says, by lensfit's own key names.
     mosaic : Which channel each pixel measured; the others were interpolated. None where
         every pixel measured every channel, or nobody knows.

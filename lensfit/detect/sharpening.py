@@ -37,9 +37,9 @@ from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 from scipy.special import j1
 
+from lensfit.chroma import LUMA
 from lensfit.photograph import Photograph
 
-_LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _COMPARED_GAMMA = 2.2
 """Of the light that profiles are compared in, about as codes have it."""
 _SMOOTHING_PX = 0.8
@@ -146,31 +146,27 @@ def edge_profile(photograph: Photograph) -> EdgeProfile | None:
     if len(places) < _FEWEST_EDGES:
         return None
     across_px = np.arange(-_HALF_PX, _HALF_PX + _STEP_PX / 2, _STEP_PX)
-    sampled, *beside = (
-        _sampled_across(
-            light, places + along_px * ways @ _QUARTER_TURN, ways, across_px
-        )
-        for along_px in (0.0, -_BESIDE_PX, _BESIDE_PX)
-    )
     dark, bright = across_px < -_PLATEAU_PX, across_px > _PLATEAU_PX
+    sampled = _sampled_across(light, places, ways, across_px)
     low, high = (np.median(sampled[:, side], 1) for side in (dark, bright))
     contrast = high - low
     uneven = [sampled[:, side].std(1) for side in (dark, bright)]
-    uneven += [
-        np.abs(np.median(other[:, side], 1) - level)
-        for other in beside
-        for side, level in ((dark, low), (bright, high))
-    ]
+    for along_px in (-_BESIDE_PX, _BESIDE_PX):
+        other_places = places + along_px * ways @ _QUARTER_TURN
+        beside = _sampled_across(light, other_places, ways, across_px)
+        uneven += [
+            np.abs(np.median(beside[:, side], 1) - level)
+            for side, level in ((dark, low), (bright, high))
+        ]
     strong = contrast > _LEAST_CONTRAST * np.quantile(contrast, 0.9)
     good = strong & (np.max(uneven, 0) < _FLAT * contrast)
     if np.count_nonzero(good) < _FEWEST_EDGES:
         return None
     scaled = (sampled[good] - low[good, None]) / contrast[good, None]
     profile = np.median(scaled, 0)
-    level = np.select([dark, bright], [0.0, 1.0], profile)
-    if np.abs(profile - level).max() > _UNEVEN:
-        return None
-    if _rise_px(across_px, profile) > _MOST_RISE_PX:
+    off = np.concatenate([profile[dark], profile[bright] - 1])
+    sharp = _rise_px(across_px, profile) <= _MOST_RISE_PX
+    if not sharp or np.abs(off).max() > _UNEVEN:
         return None
     levels = float(np.median(low[good])), float(np.median(high[good]))
     return EdgeProfile(across_px, profile, *levels)
@@ -182,6 +178,7 @@ def _sampled_across(
     ways: Float[np.ndarray, "edges 2"],
     across_px: Float[np.ndarray, " places"],
 ) -> Float[np.ndarray, "edges places"]:
+    """The light across each place, towards the bright side."""
     along = places[:, None] + across_px[:, None] * ways[:, None]
     return map_coordinates(light, along.T, order=1, mode="nearest").T
 
@@ -260,7 +257,7 @@ def without_sharpening(photograph: Photograph, mask: UnsharpMask) -> Photograph:
 def _luma(
     pixels: Float[np.ndarray, "height width channels"],
 ) -> Float[np.ndarray, "height width"]:
-    return pixels @ _LUMA if pixels.shape[2] == 3 else pixels[..., 0]
+    return pixels @ LUMA if pixels.shape[2] == 3 else pixels[..., 0]
 
 
 def _root(

@@ -31,13 +31,18 @@ def chart(blur_px: float, *, disc: bool = False) -> np.ndarray:
     away = np.hypot((x + y / 20) % pitch - pitch / 2, (y - x / 25) % pitch - pitch / 2)
     light = np.where(away < 18, DARK, BRIGHT).astype(np.float32)
     if disc:
-        radius = 2 * blur_px * FINE
-        reach = int(radius) + 1
-        v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-        kernel = (np.hypot(u, v) <= radius).astype(np.float32)
-        light = cv2.filter2D(light, -1, kernel / kernel.sum())
-    else:
-        light = cv2.GaussianBlur(light, (0, 0), blur_px * FINE)
+        return behind_disc(light, 2 * blur_px)
+    return on_pixels(cv2.GaussianBlur(light, (0, 0), blur_px * FINE))
+
+
+def behind_disc(light: np.ndarray, radius_px: float) -> np.ndarray:
+    reach = int(radius_px * FINE) + 1
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    kernel = (np.hypot(u, v) <= radius_px * FINE).astype(np.float32)
+    return on_pixels(cv2.filter2D(light, -1, kernel / kernel.sum()))
+
+
+def on_pixels(light: np.ndarray) -> np.ndarray:
     return light.reshape(SIZE[0], FINE, SIZE[1], FINE).mean((1, 3))
 
 
@@ -74,11 +79,7 @@ def lines(width_px: float, blur_px: float, *, dark: bool) -> np.ndarray:
     across = [(x + y / 20) % 30, (y - x / 25) % 30]
     drawn = np.min(np.abs(np.array(across) - 15), 0) < width_px / 2
     light = np.where(drawn != dark, BRIGHT, DARK).astype(np.float32)
-    reach = int(2 * blur_px * FINE) + 1
-    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    kernel = (np.hypot(u, v) <= 2 * blur_px * FINE).astype(np.float32)
-    light = cv2.filter2D(light, -1, kernel / kernel.sum())
-    return light.reshape(SIZE[0], FINE, SIZE[1], FINE).mean((1, 3))
+    return behind_disc(light, 2 * blur_px)
 
 
 @pytest.mark.parametrize("dark", [False, True])
