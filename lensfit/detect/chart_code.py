@@ -22,6 +22,9 @@ _LEAST_PERIMETER_PX = 40.0
 _MOST_TO_ENLARGE_PX = 16_000_000
 _LARGER, _SMALLER, _SHORTEST_SIDE_PX = 2.0, (0.5, 0.25), 600
 """Scales of further tries, and the least side of a smaller picture."""
+_FEWEST_TO_ENLARGE = 3
+"""Places of the strip that have to be seen before: one alone may be a dot or a screw,
+and an enlarged picture takes longer than all others together."""
 _MOST_READINGS = 64
 """Strips that are tried where markers of one place disagree."""
 
@@ -42,15 +45,13 @@ def read_chart_code(photograph: Photograph) -> Pattern | None:
         return None
     white = max(float(np.percentile(image[::4, ::4], 99.5)), 1e-12)
     picture = np.clip(255 / white * image, 0, 255).astype(np.uint8)
-    # The sheet's own tone first: what is mostly black holds inverted markers.
-    tones = (True, False) if np.mean(picture) < 100 else (False, True)
     scales = [1.0, *(s for s in _SMALLER if s * min(image.shape) >= _SHORTEST_SIDE_PX)]
     scales += [_LARGER] if picture.size <= _MOST_TO_ENLARGE_PX else []
     seen: list[set[int]] = [set() for _ in range(MARKERS)]
-    for scale, inverted in product(scales, tones):
-        if scale > 1 and not any(seen):
+    for scale in scales:
+        if scale > 1 and sum(map(bool, seen)) < _FEWEST_TO_ENLARGE:
             return None
-        _look(picture, scale, inverted, seen)
+        _look(picture, scale, seen)
         if (pattern := _first_sound(seen)) is not None:
             return pattern
     return None
@@ -66,10 +67,8 @@ def _first_sound(seen: list[set[int]]) -> Pattern | None:
     return None
 
 
-def _look(
-    picture: np.ndarray, scale: float, inverted: bool, seen: list[set[int]]
-) -> None:
-    """Add the markers of one tone to those seen for each place of the strip."""
+def _look(picture: np.ndarray, scale: float, seen: list[set[int]]) -> None:
+    """Add the markers of both tones to those seen for each place of the strip."""
     if scale != 1:
         how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)
@@ -77,8 +76,9 @@ def _look(
     options = cv2.aruco.DetectorParameters()
     options.minMarkerPerimeterRate = enlarged * _LEAST_PERIMETER_PX / max(picture.shape)
     options.adaptiveThreshWinSizeMax *= round(enlarged)
+    options.detectInvertedMarker = True
     detector = cv2.aruco.ArucoDetector(dictionary(), options)
-    _, ids, _ = detector.detectMarkers(255 - picture if inverted else picture)
+    _, ids, _ = detector.detectMarkers(picture)
     for marker in () if ids is None else np.ravel(ids):
         if marker < BASE * MARKERS:
             seen[int(marker) // BASE].add(int(marker))

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from chart_scene import a4, error_px, photographed
 
-from lensfit.chart.pattern import Pattern
+from lensfit.chart.pattern import BASE, Pattern, dictionary
+from lensfit.detect import chart_code
 from lensfit.detect.chart_code import read_chart_code
 from lensfit.detect.find import observe
 from lensfit.detect.orientation import numbered_as_on_chart
@@ -90,6 +92,22 @@ def test_another_grid_without_orientation_marks_is_left_as_it_is():
     photograph, _ = photographed(layout)
     found = observe(photograph, "dot-grid")
     assert numbered_as_on_chart(photograph, found, whole) is None
+
+
+def test_a_mark_that_looks_like_one_marker_is_not_worth_an_enlarged_picture(
+    monkeypatch,
+):
+    marker = cv2.aruco.generateImageMarker(dictionary(), 9 * BASE + 5, 60)
+    pixels = np.pad(marker, 200, constant_values=255)[..., None] / np.float32(255)
+    scales = []
+    look = chart_code._look
+    monkeypatch.setattr(
+        chart_code,
+        "_look",
+        lambda picture, scale, seen: (scales.append(scale), look(picture, scale, seen)),
+    )
+    assert read_chart_code(Photograph(pixels, Path("one.exr"), "")) is None
+    assert scales == [1.0]
 
 
 def test_nothing_is_read_where_there_is_no_chart():
