@@ -8,16 +8,18 @@ form. The sum of all pictures is scaled so that an open chart has its traced irr
 
 Approximations, and how they are kept honest: (1) the polynomial's largest misfit is
 returned, px; (2) the pupil is a grid of cells, each weighted by the part of it that is
-open: fine when the blur spans no more pixels than there are cells across; (3) a rotated
-footprint counts as a box of the same variance. `data_synth.dots` makes the same picture
-without them, and a test compares the two.
+open, seen through its middle, moved to where the open part lands on average and blurred
+by a box of the variance of its rays, so that no steps show; (3) a rotated footprint
+counts as a box of the same variance. `data_synth.dots` makes the same picture without
+them, and a test compares the two.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt
 
 from data_synth.aim import (
     chief_aim_mm,
@@ -41,7 +43,7 @@ from data_synth.raymap import (
 from data_synth.sensor import Band, Frame
 
 SUBCELLS = 5
-"""Rays across a cell of the pupil grid that measure how far it is open."""
+"""Rays across a cell of the pupil grid that measure how far and where it is open."""
 ROWS_AT_ONCE = 48
 
 
@@ -72,7 +74,8 @@ def expose_pattern(
     Returns
     -------
     image : Noise-free irradiance.
-    misfit_px : Largest error of the interpolated ray maps.
+    misfit_px : Largest error of the interpolated ray maps, of cells of the pupil that
+        are open all over the field.
     """
     image = np.zeros((frame.size_px[1], frame.size_px[0], 3))
     field = _field_over(lens, pose, frame)
@@ -80,7 +83,7 @@ def expose_pattern(
     misfit_px = 0.0
     whites = _whites(lens, pose, field, frame, bands)
     for channel, (band, white) in enumerate(zip(bands, whites, strict=True)):
-        openings = _openings(lens, field, offsets_mm, white.middle_nm)
+        cells = _open_cells(lens, field, frame, offsets_mm, white.middle_nm)
         pictures = [
             picture
             for wavelength_nm, share in zip(
@@ -92,8 +95,7 @@ def expose_pattern(
                 frame,
                 wavelength_nm,
                 share,
-                offsets_mm,
-                openings,
+                cells,
                 white.ray_map,
             )
         ]
@@ -169,14 +171,13 @@ def _pupil_grid(
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """The chart through one pupil point at one wavelength.
+    """The chart through one cell of the pupil at one wavelength.
 
-    `maps` holds Chebyshev coefficients of chart X and chart Y over the frame; `opening`
-    how far the cell of the pupil point is open, at the field nodes (rows, columns).
+    `maps` holds Chebyshev coefficients of chart X and chart Y over the frame.
     """
 
     maps: Float[np.ndarray, "2 order order"]
-    opening: Float[np.ndarray, "node_rows node_columns"]
+    cell: "_OpenCell"
     share: float
     misfit_px: float
 
@@ -204,40 +205,111 @@ def _field_over(lens: SetLens, pose: Pose, frame: Frame) -> _Field:
     return _Field(chart_mm, tracer_from_object(object_mm), tracer_from_object(normal))
 
 
-def _openings(
-    lens: SetLens, field: _Field, offsets_mm, wavelength_nm: float
-) -> Float[np.ndarray, "points nodes"]:
-    """Which part of each cell of the pupil grid is open, seen from each node."""
+@dataclass(frozen=True, eq=False)
+class _OpenCell:
+    """A cell of the pupil grid that is open for some node of the field.
+
+    Attributes
+    ----------
+    offset_mm : Of its middle, from the chief ray.
+    usable : Where light passes its middle; what no light takes may land anywhere.
+    opening : Which part is open.
+    moved_px : Where the open part lands on average, from where the middle does.
+    box_px : Sides of a box, along the sensor's axes, of the variance of its rays.
+    """
+
+    offset_mm: Float[np.ndarray, "2"]
+    usable: Bool[np.ndarray, " nodes"]
+    opening: Float[np.ndarray, " nodes"]
+    moved_px: Float[np.ndarray, "nodes 2"]
+    box_px: Float[np.ndarray, "nodes 2"]
+
+
+def _open_cells(
+    lens: SetLens, field: _Field, frame: Frame, offsets_mm, wavelength_nm: float
+) -> list[_OpenCell]:
+    """The cells of the pupil grid that are open, seen from every node."""
     across = round(np.sqrt(len(offsets_mm)))
     cell_mm = np.ptp(offsets_mm, axis=0) / (across - 1)
     steps = (np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5
     fine = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) * cell_mm
     centre = chief_aim_mm(lens, field.points_mm, wavelength_nm)
+    chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, wavelength_nm))
     points = np.repeat(field.points_mm, len(fine), axis=0)
-    openings = []
+    cells = []
     for offset in offsets_mm:
         pupil = (centre[:, None] + offset + fine).reshape(-1, 2)
         traced, _ = rays_through_pupil(lens, points, pupil, wavelength_nm)
-        openings.append(traced.passed.reshape(-1, len(fine)).mean(axis=1))
-    return np.array(openings)
+        passed = traced.passed.reshape(-1, len(fine))
+        if passed.any():
+            landed_px = frame.px_from_mm(-traced.landing_mm).reshape(*passed.shape, 2)
+            off_px = landed_px - chief_px[:, None]
+            cells.append(_open_cell(offset, off_px, passed))
+    return cells
+
+
+def _open_cell(
+    offset_mm: Float[np.ndarray, "2"],
+    off_px: Float[np.ndarray, "nodes rays 2"],
+    passed: Bool[np.ndarray, "nodes rays"],
+) -> _OpenCell:
+    """From where its rays land, from the chief ray."""
+    middle = passed.shape[1] // 2
+    mean_px, variance = _mean_and_variance(off_px, passed)
+    usable = passed[:, middle]
+    moved_px = mean_px - _nearest_known(off_px[:, middle], usable)
+    return _OpenCell(
+        offset_mm,
+        usable,
+        passed.mean(1),
+        np.where(passed.any(1, keepdims=True), moved_px, 0.0),
+        # Rays at the middles of smaller cells spread less than the light between.
+        np.sqrt(12 * variance * SUBCELLS**2 / (SUBCELLS**2 - 1)),
+    )
+
+
+def _mean_and_variance(
+    rays: Float[np.ndarray, "nodes rays 2"], passed: Bool[np.ndarray, "nodes rays"]
+) -> tuple[Float[np.ndarray, "nodes 2"], Float[np.ndarray, "nodes 2"]]:
+    """Of the rays that passed; zero where none did."""
+    count = np.maximum(passed.sum(1), 1)[:, None]
+    mean = np.where(passed[..., None], rays, 0.0).sum(1) / count
+    off = np.where(passed[..., None], rays - mean[:, None], 0.0)
+    return mean, (off**2).sum(1) / count
+
+
+def _nearest_known(
+    values: Float[np.ndarray, "nodes 2"], known: Bool[np.ndarray, " nodes"]
+) -> Float[np.ndarray, "nodes 2"]:
+    """Every node's own value where it is known, else the nearest node's, else zero."""
+    if not known.any():
+        return np.zeros_like(values)
+    unknown = ~known.reshape(FIELD_NODES[::-1])
+    rows, columns = np.asarray(
+        distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    )
+    return values[(rows * FIELD_NODES[0] + columns).reshape(-1)]
 
 
 def _pictures(
-    lens, field: _Field, frame, wavelength_nm, share, offsets_mm, openings, ray_map
+    lens, field: _Field, frame, wavelength_nm, share, cells, ray_map
 ) -> list[_Picture]:
-    """One picture for every pupil point that is open somewhere."""
+    """One picture for every cell of the pupil that is open somewhere."""
     centre = chief_aim_mm(lens, field.points_mm, wavelength_nm)
+    chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, wavelength_nm))
     pictures = []
-    for offset, opening in zip(offsets_mm, openings, strict=True):
-        if not (opening > 0).any():
-            continue
+    for cell in cells:
         traced, _ = rays_through_pupil(
-            lens, field.points_mm, centre + offset, wavelength_nm
+            lens, field.points_mm, centre + cell.offset_mm, wavelength_nm
         )
-        landing_px = frame.px_from_mm(-traced.landing_mm)
+        off_px = frame.px_from_mm(-traced.landing_mm) - chief_px
+        usable = cell.usable & np.isfinite(off_px).all(-1)
+        landing_px = chief_px + _nearest_known(off_px, usable)
         chart_maps, misfit_px = ray_map.fit(landing_px, field.chart_mm)
-        at_nodes = opening.reshape(FIELD_NODES[::-1])
-        pictures.append(_Picture(chart_maps, at_nodes, share, misfit_px))
+        # At the rim a map bends where the cell closes: that is no misfit of light.
+        pictures.append(
+            _Picture(chart_maps, cell, share, misfit_px if usable.all() else 0.0)
+        )
     return pictures
 
 
@@ -251,8 +323,6 @@ def _render(chart, pictures, white: _White, frame) -> Float[np.ndarray, "h w"]:
     columns, _ = basis(np.arange(width) + 0.5, width)
     rows, _ = basis(np.arange(height) + 0.5, height)
     chief_mm = evaluated(white.chief, rows, columns)
-    footprint_mm = np.hypot(white.down_mm, white.right_mm)
-    footprint_mm = np.moveaxis(footprint_mm, 0, -1).astype(np.float32)
     across, upright = (
         Steps(size, nodes)
         for size, nodes in zip(frame.size_px, FIELD_NODES, strict=True)
@@ -260,19 +330,29 @@ def _render(chart, pictures, white: _White, frame) -> Float[np.ndarray, "h w"]:
     picture = np.zeros((height, width))
     weight = np.full((height, width), 1e-12)
     for one in pictures:
-        coarse = np.stack(
-            [
-                *evaluated(one.maps - white.chief, upright.basis, across.basis),
-                upright.hats @ (one.share * one.opening) @ across.hats.T,
-            ]
+        moved_mm = evaluated(one.maps - white.chief, upright.basis, across.basis)
+        cell = one.cell
+        of_cell = np.column_stack(
+            [cell.moved_px, cell.box_px, one.share * cell.opening]
         )
+        at_nodes = of_cell.T.reshape(-1, *FIELD_NODES[::-1])
+        coarse = np.concatenate([moved_mm, upright.hats @ at_nodes @ across.hats.T])
         for top in range(0, height, ROWS_AT_ONCE):
             band = slice(top, top + ROWS_AT_ONCE)
-            x, y, share = across.between(upright.between(coarse, 1, band), 2)
-            chart_mm = np.stack([x + chief_mm[0, band], y + chief_mm[1, band]], -1)
+            places = across.between(upright.between(coarse, 1, band), 2)
+            off_mm, moved_px, box_px, share = np.split(places, (2, 4, 6))
+            right_mm, down_mm = white.right_mm[:, band], white.down_mm[:, band]
+            # Light that lands farther to the right comes from farther left.
+            off_mm = off_mm - right_mm * moved_px[0] - down_mm * moved_px[1]
+            chart_mm = np.moveaxis(chief_mm[:, band] + off_mm, 0, -1)
+            box_px = np.hypot(1.0, box_px)
+            box_mm = np.hypot(right_mm * box_px[0], down_mm * box_px[1])
             seen = pattern_coverage(
-                chart, chart_mm.astype(np.float32), footprint_mm[band]
+                chart,
+                chart_mm.astype(np.float32),
+                np.moveaxis(box_mm, 0, -1).astype(np.float32),
             )
+            share = share[0]
             picture[band] += share * seen
             weight[band] += share
     # Single precision may leave the dark a hair below zero.

@@ -135,6 +135,24 @@ def test_both_ways_of_making_a_photograph_agree(lens):
 
 
 @pytest.mark.slow
+def test_few_cells_of_the_pupil_draw_blur_without_steps():
+    """A wide open lens out of focus, vignetted: against twice as many cells across."""
+    fast = set_lens(
+        load_prescription("biotar_50"), f_number=1.4, focus_distance_mm=3300.0
+    )
+    frame = Frame((96, 72), (24.0, 18.0))
+    chart, bands = Chart("checkerboard", pitch_mm=160.0, mark_mm=1.0), camera_bands(1)
+    few, many = (
+        expose_pattern(fast, chart, Pose(2000.0), frame, bands, pupil_points_across=n)[
+            0
+        ]
+        for n in (7, 15)
+    )
+    np.testing.assert_allclose(few, many, atol=0.04)
+    assert np.sqrt(np.mean((few - many) ** 2)) < 0.004
+
+
+@pytest.mark.slow
 def test_an_open_chart_has_the_traced_illumination_at_every_pixel(lens):
     """A line grid whose lines fill the chart is an evenly bright field."""
     open_chart = Chart("line-grid", pitch_mm=100.0, mark_mm=100.0)
