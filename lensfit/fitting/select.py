@@ -175,7 +175,8 @@ def choose(
     stated : Normal equations of stated values (`Trial`).
     """
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
-    trial = Trial(first_half, second_half, precision, offset, always, tried, stated)
+    halves = first_half, second_half
+    trial = Trial(halves, precision, offset, always, tried, stated)
     kept: dict[str, int] = {}
     decisions: dict[str, TermDecision] = {}
     indices = np.zeros(0, int)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfit.fitting.trial import Statistics, Trial
+from lensfit.fitting.trial import Statistics, Trial, together
 
 SIZE, ROWS = 12, 90
 ALWAYS, TRIED, IDLE = np.array([0, 3, 4]), np.array([1, 2, 6, 7, 8, 9]), [5, 10, 11]
@@ -38,8 +38,8 @@ def _cost(one: Statistics, step: np.ndarray) -> float:
 @pytest.mark.parametrize("chosen", [[], [2], [1, 6, 9], [1, 2, 6, 7, 8, 9]])
 def test_scores_are_those_of_a_fit_from_scratch(chosen):
     chosen = np.array(chosen, int)
-    trial = Trial(FIRST, SECOND, PRECISION, OFFSET, ALWAYS, TRIED)
-    both = Statistics(*(a + b for a, b in zip(FIRST, SECOND, strict=True)))
+    trial = Trial((FIRST, SECOND), PRECISION, OFFSET, ALWAYS, TRIED)
+    both = together((FIRST, SECOND))
     scores = trial.scores(chosen)
     total = _cost(both, _solved(both, chosen))
     free = len(ALWAYS) + len(chosen)
@@ -51,9 +51,19 @@ def test_scores_are_those_of_a_fit_from_scratch(chosen):
     np.testing.assert_allclose(trial.step(chosen), _solved(both, chosen), atol=1e-9)
 
 
+def test_each_part_is_predicted_by_all_others():
+    parts = [_half(k) for k in range(3)]
+    chosen = np.array([1, 6])
+    held_out = Trial(parts, PRECISION, OFFSET, ALWAYS, TRIED).scores(chosen).held_out
+    others = [together([p for p in parts if p is not part]) for part in parts]
+    solved = [_solved(some, chosen) for some in others]
+    expected = sum(_cost(p, step) for p, step in zip(parts, solved, strict=True))
+    assert held_out == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_parameter_of_every_model_cannot_be_tried():
     with pytest.raises(ValueError, match="every model"):
-        Trial(FIRST, SECOND, PRECISION, OFFSET, ALWAYS, np.array([3, 6]))
+        Trial((FIRST, SECOND), PRECISION, OFFSET, ALWAYS, np.array([3, 6]))
 
 
 def test_what_rounding_takes_from_a_matrix_is_given_back():
@@ -66,11 +76,11 @@ def test_what_rounding_takes_from_a_matrix_is_given_back():
     assert np.linalg.eigvalsh(matrix).min() < 0
     values = rng.normal(size=ROWS)
     half = Statistics(matrix, rows.T @ values, float(values @ values), ROWS)
-    trial = Trial(half, half, 1e-9 * PRECISION, 0 * OFFSET, ALWAYS, TRIED)
+    trial = Trial((half, half), 1e-9 * PRECISION, 0 * OFFSET, ALWAYS, TRIED)
     assert np.isfinite(trial.step(np.array([1]))).all()
 
 
 def test_what_no_number_is_said_to_leave_the_model_undetermined():
     broken = FIRST._replace(matrix=np.full((SIZE, SIZE), np.nan))
     with pytest.raises(ValueError, match="leave the model undetermined"):
-        Trial(broken, SECOND, PRECISION, OFFSET, ALWAYS, TRIED)
+        Trial((broken, SECOND), PRECISION, OFFSET, ALWAYS, TRIED)

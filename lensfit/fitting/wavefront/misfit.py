@@ -65,8 +65,8 @@ def _own_defocus(stage: Stage, mine: Bool[np.ndarray, " dots"]) -> list[int]:
 
 
 def held_out_dots(stage: Stage, term_groups: tuple[TermGroup, ...]) -> float:
-    """Misfit of each half of the dots held out, over the misfit of all; NaN where half
-    of them leave the lens so free that it ends where the equations do not hold."""
+    """Misfit of dots held out, a fold at a time, over the misfit of all; NaN where the
+    others leave the lens so free that it ends where the equations do not hold."""
     free = indices_of(term_groups)
     trial = trial_of(stage, free, np.array([], int))
     total = float(np.sum(stage.equations.chi_squared))

@@ -1,11 +1,11 @@
 """Model selection: which term groups the photographs support.
 
-All from the normal equations of the largest model, without a new fit
-(`fitting.trial`): a term group stays if the Bayesian information criterion improves by
-it and dots that were held out are predicted better. The highest orders are tried first.
-If a term group stays, the one that it refines stays too: a lens whose axial colour was
-left out, while the colour of its third order stood for it, had red .02 px from where it
-lands.
+All from the normal equations of the largest model, without a new fit (`fitting.trial`):
+a term group stays if the Bayesian information criterion improves by it and dots that
+were held out, half of a photograph's at a time, are predicted better. The highest
+orders are tried first. If a term group stays, the one that it refines stays too: a lens
+whose axial colour was left out, while the colour of its third order stood for it, had
+red .02 px from where it lands.
 
 Cells of one dot share the model's error of that dot, so they do not count as so many
 observations: `CELLS_PER_DOT` of each dot and channel do.
@@ -20,8 +20,7 @@ from jaxtyping import Int
 
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.trial import Statistics, Trial
-from lensfit.fitting.wavefront.normal import Equations
-from lensfit.fitting.wavefront.stages import Stage
+from lensfit.fitting.wavefront.stages import Stage, folds_of
 from lensfit.fitting.wavefront.term_groups import TermGroup, indices_of
 
 CELLS_PER_DOT = 60
@@ -110,11 +109,11 @@ def select_term_groups(
 def trial_of(
     stage: Stage, always: Int[np.ndarray, " always"], tried: Int[np.ndarray, " tried"]
 ) -> Trial:
-    """Statistics of both halves of the dots, with the parameters of every model and
+    """Every fold of the dots held out in turn, with the parameters of every model and
     those of the candidates."""
     deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)
     return Trial(
-        *_halves(stage.equations, stage),
+        _statistics_of_folds(stage),
         precision=deviation**-2.0,
         offset=stage.parameters - stage.mean,
         always=always,
@@ -123,15 +122,17 @@ def trial_of(
     )
 
 
-def _halves(equations: Equations, stage: Stage) -> tuple[Statistics, Statistics]:
-    count = CELLS_PER_DOT * int(np.sum(np.any(stage.weight > 0, (-2, -1)))) // 2
-    first, second = (
+def _statistics_of_folds(stage: Stage) -> list[Statistics]:
+    """Of half the dots of one take each; folds without dots are left out."""
+    equations = stage.equations
+    seen = CELLS_PER_DOT * np.any(stage.weight > 0, (-2, -1)).sum(1)
+    fold = folds_of(stage.dot_data)
+    return [
         Statistics(
-            np.asarray(equations.matrix[half::2].sum(0)),
-            np.asarray(equations.gradient[half::2].sum(0)),
-            float(equations.chi_squared[half::2].sum()),
-            count,
+            np.asarray(equations.matrix[k]),
+            np.asarray(equations.gradient[k]),
+            float(equations.chi_squared[k]),
+            int(seen[fold == k].sum()),
         )
-        for half in (0, 1)
-    )
-    return first, second
+        for k in np.unique(fold)
+    ]
