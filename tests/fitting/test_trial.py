@@ -32,7 +32,9 @@ def _solved(one: Statistics, chosen: np.ndarray) -> np.ndarray:
 
 
 def _cost(one: Statistics, step: np.ndarray) -> float:
-    return one.sum_of_squares + 2 * one.gradient @ step + step @ one.matrix @ step
+    return float(
+        one.sum_of_squares + 2 * one.gradient @ step + step @ one.matrix @ step
+    )
 
 
 @pytest.mark.parametrize("chosen", [[], [2], [1, 6, 9], [1, 2, 6, 7, 8, 9]])
