@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 from scipy.ndimage import distance_transform_edt
 
 from data_synth.aim import (
@@ -330,30 +330,44 @@ def _render(chart, pictures, white: _White, frame) -> Float[np.ndarray, "h w"]:
     picture = np.zeros((height, width))
     weight = np.full((height, width), 1e-12)
     for one in pictures:
-        moved_mm = evaluated(one.maps - white.chief, upright.basis, across.basis)
-        cell = one.cell
-        of_cell = np.column_stack(
-            [cell.moved_px, cell.box_px, one.share * cell.opening]
-        )
-        at_nodes = of_cell.T.reshape(-1, *FIELD_NODES[::-1])
-        coarse = np.concatenate([moved_mm, upright.hats @ at_nodes @ across.hats.T])
+        coarse = _coarse_planes(one, white, across, upright)
         for top in range(0, height, ROWS_AT_ONCE):
-            band = slice(top, top + ROWS_AT_ONCE)
-            places = across.between(upright.between(coarse, 1, band), 2)
-            off_mm, moved_px, box_px, share = np.split(places, (2, 4, 6))
-            right_mm, down_mm = white.right_mm[:, band], white.down_mm[:, band]
-            # Light that lands farther to the right comes from farther left.
-            off_mm = off_mm - right_mm * moved_px[0] - down_mm * moved_px[1]
-            chart_mm = np.moveaxis(chief_mm[:, band] + off_mm, 0, -1)
-            box_px = np.hypot(1.0, box_px)
-            box_mm = np.hypot(right_mm * box_px[0], down_mm * box_px[1])
-            seen = pattern_coverage(
-                chart,
-                chart_mm.astype(np.float32),
-                np.moveaxis(box_mm, 0, -1).astype(np.float32),
-            )
-            share = share[0]
-            picture[band] += share * seen
-            weight[band] += share
+            rows_here = slice(top, top + ROWS_AT_ONCE)
+            planes = across.between(upright.between(coarse, 1, rows_here), 2)
+            departure_mm, box_mm, share = _seen_from(planes, white, rows_here)
+            chart_mm = _single_precision(chief_mm[:, rows_here] + departure_mm)
+            seen = pattern_coverage(chart, chart_mm, _single_precision(box_mm))
+            picture[rows_here] += share * seen
+            weight[rows_here] += share
     # Single precision may leave the dark a hair below zero.
     return np.maximum(white.light * picture / weight, 0.0)
+
+
+def _coarse_planes(
+    one: _Picture, white: _White, across: Steps, upright: Steps
+) -> Float[np.ndarray, "7 steps_y steps_x"]:
+    """Departure from the chief ray on the chart, and the cell's move, box and share."""
+    departure_mm = evaluated(one.maps - white.chief, upright.basis, across.basis)
+    cell = one.cell
+    of_cell = np.column_stack([cell.moved_px, cell.box_px, one.share * cell.opening])
+    at_nodes = of_cell.T.reshape(-1, *FIELD_NODES[::-1])
+    return np.concatenate([departure_mm, upright.hats @ at_nodes @ across.hats.T])
+
+
+def _seen_from(
+    planes: Float[np.ndarray, "7 rows width"], white: _White, rows: slice
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where on the chart pixels look, from the chief ray, over which box, and how much
+    of their light it is."""
+    departure_mm, moved_px, box_px, (share,) = np.split(planes, (2, 4, 6))
+    right_mm, down_mm = white.right_mm[:, rows], white.down_mm[:, rows]
+    # Light that lands farther to the right comes from farther left.
+    departure_mm = departure_mm - right_mm * moved_px[0] - down_mm * moved_px[1]
+    box_px = np.hypot(1.0, box_px)
+    return departure_mm, np.hypot(right_mm * box_px[0], down_mm * box_px[1]), share
+
+
+def _single_precision(
+    planes: Float[np.ndarray, "2 rows width"],
+) -> Float32[np.ndarray, "rows width 2"]:
+    return np.moveaxis(planes, 0, -1).astype(np.float32)
