@@ -40,7 +40,7 @@ from lensfit.io.decoding import PHOTOGRAPH_BYTES_PER_PX
 from lensfit.io.exr import find_colour, read_exr, stack_channels
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
 from lensfit.io.metadata import CameraState, camera_state_from
-from lensfit.io.raster import read_raster, tiff_header, upright_pixels
+from lensfit.io.raster import Raster, read_raster, tiff_header, upright_pixels
 from lensfit.io.transfer import decode, encode, transfer_of
 from lensfit.mosaic import Mosaic, filled_in, letters_of, mosaic_of
 from lensfit.photograph import Photograph
@@ -80,11 +80,7 @@ _LYING = (5, 6, 7, 8)
 
 
 def read_photograph(
-    path: str | Path,
-    encoding: str | None = None,
-    mosaic: Mosaic | None = None,
-    *,
-    with_fringes: bool = True,
+    path: str | Path, encoding: str | None = None, mosaic: Mosaic | None = None
 ) -> Photograph:
     """Read a photograph and decode it to scene-linear light.
 
@@ -98,8 +94,6 @@ def read_photograph(
         are interpolated. Without meaning for a raw file, which knows its own, and
         where red and blue are stored at lower resolution, so that nothing is as it was
         measured.
-    with_fringes : Put back what a file with colour at lower resolution lost of its
-        fringes; without, luma is the same and twelve megapixels take a second less.
 
     Returns
     -------
@@ -118,7 +112,7 @@ def read_photograph(
         transfer_of(encoding)
     data = _read_bytes(path)
     try:
-        return _from_mosaic(_read(path, data, encoding, with_fringes), mosaic)
+        return _from_mosaic(_read(path, data, encoding), mosaic)
     except ImageError as error:
         if error.where is not None:
             raise
@@ -181,14 +175,12 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
-def _read(
-    path: Path, data: bytes, encoding: str | None, with_fringes: bool
-) -> Photograph:
+def _read(path: Path, data: bytes, encoding: str | None) -> Photograph:
     if data.startswith(EXR_MAGIC):
         return _from_exr(path, data, encoding or "linear")
     if path.suffix.lower() in RAW_SUFFIXES:
         return _from_raw(path, data, encoding or "linear")
-    return _from_raster(path, data, encoding, with_fringes)
+    return _from_raster(path, data, read_raster(data), encoding)
 
 
 def _from_mosaic(photograph: Photograph, mosaic: Mosaic | None) -> Photograph:
@@ -246,9 +238,8 @@ def _from_raw(path: Path, data: bytes, encoding: str) -> Photograph:
 
 
 def _from_raster(
-    path: Path, data: bytes, encoding: str | None, with_fringes: bool
+    path: Path, data: bytes, raster: Raster, encoding: str | None
 ) -> Photograph:
-    raster = read_raster(data)
     codes = raster.codes
     if codes.dtype.kind == "f":
         encoding = encoding or "linear"
@@ -259,7 +250,7 @@ def _from_raster(
         encoding = encoding or "srgb"
         table = _decoding_table(encoding, codes.dtype.itemsize)
         saturation, step = float(table[-1]), _step_at_grey(table, encoding)
-        if with_fringes and raster.chroma is not None:
+        if raster.chroma is not None:
             finer = codes_with_fringes(codes, raster.chroma)
             pixels = _decoding_table(encoding, finer.dtype.itemsize)[finer]
         elif codes.dtype == np.uint8:

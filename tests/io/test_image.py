@@ -10,7 +10,6 @@ import pytest
 import tifffile
 from PIL import Image
 
-from lensfit.chroma import LUMA
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
@@ -119,18 +118,6 @@ def test_jpeg_chroma(tmp_path: Path, sampling: str, subsampled: bool):
     photograph = read_photograph(tmp_path / "a.jpg", "linear")
     assert photograph.chroma_subsampled is subsampled
     np.testing.assert_allclose(photograph.pixels * 255, codes, atol=8)
-
-
-def test_fringes_are_left_out_on_request_and_luma_is_the_same(tmp_path: Path):
-    across = np.linspace(0, 30 * np.pi, 128)
-    waves = [np.sin(across + shift) for shift in (0.0, 0.3, 0.6)]
-    codes = np.tile(128 + 90 * np.stack(waves, -1), (64, 1, 1)).astype(np.uint8)
-    Image.fromarray(codes).save(tmp_path / "a.jpg", quality=98, subsampling="4:2:0")
-    whole = read_photograph(tmp_path / "a.jpg", "linear")
-    plain = read_photograph(tmp_path / "a.jpg", "linear", with_fringes=False)
-    assert plain.chroma_subsampled
-    assert np.abs(whole.pixels - plain.pixels).max() > 4 / 255
-    np.testing.assert_allclose(whole.pixels @ LUMA, plain.pixels @ LUMA, atol=1e-4)
 
 
 def test_grey_jpeg(tmp_path: Path):

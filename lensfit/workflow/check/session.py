@@ -8,7 +8,6 @@ the side of focus is compared, and which views of the plan they are.
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -123,13 +122,13 @@ class CheckSession:
         if shoot is not None:
             take = view_of_photograph(shoot, path, None, ())
         encoding = None if take is None else take.encoding
-        photograph = _read_quickly(path, encoding, mosaic)
+        photograph = read_photograph(path, encoding, mosaic)
         header = _header(photograph)
         if shoot is not None and take is None:
             taken = [n for n, (_, one) in self._standing().items() if one != path]
             take = view_of_photograph(shoot, path, header, taken)
             if take is not None and take.encoding not in (None, photograph.encoding):
-                photograph = _read_quickly(path, take.encoding, mosaic)
+                photograph = read_photograph(path, take.encoding, mosaic)
         return take, photograph, header
 
     def _target_and_detections(
@@ -297,10 +296,6 @@ def _best_kind_and_detections(
             f"({', '.join(KINDS)})",
         )
     return best
-
-
-_read_quickly = partial(read_photograph, with_fringes=False)
-"""What is judged here shows in green: fringes are worth no second."""
 
 
 def _header(photograph: Photograph) -> CameraState | None:
