@@ -9,7 +9,8 @@ Parts that are small predict better than halves whether a term helps: half of si
 corners of a photograph can leave a term free that all of them determine.
 
 Reference: S. Arlot and A. Celisse, Statistics Surveys 4 (2010) 40, on how bias and
-variance of cross-validation fall with the number of parts.
+variance of cross-validation fall with the number of parts; T. Hastie, R. Tibshirani and
+J. Friedman, The Elements of Statistical Learning (2009), 7.10, on its standard error.
 """
 
 from collections.abc import Sequence
@@ -56,11 +57,23 @@ def together(parts: Sequence[Statistics]) -> Statistics:
 
 class Scores(NamedTuple):
     """Scores of a model: sum of squares on all detections, Bayesian information
-    criterion, and sum of squares on held-out detections."""
+    criterion, and sum of squares on every part where it was held out."""
 
     sum_of_squares: float
     bic: float
-    held_out: float
+    held_out_of_parts: Float[np.ndarray, " parts"]
+
+    @property
+    def held_out(self) -> float:
+        """Of all parts."""
+        return float(self.held_out_of_parts.sum())
+
+    def predicts_better_than(self, other: "Scores") -> bool:
+        """Whether parts that were held out are predicted better, by more than the
+        standard error of that."""
+        fall = other.held_out_of_parts - self.held_out_of_parts
+        spread = fall.std(ddof=1) if len(fall) > 1 else 0.0
+        return bool(fall.mean() > spread / np.sqrt(len(fall)))
 
 
 class _Form(NamedTuple):
@@ -142,10 +155,10 @@ class Trial:
         total = self._total.at(chosen, self._whole.solution(chosen))
         free = self._always + len(chosen)
         bic = self._count * np.log(max(total, 1e-300)) + free * np.log(self._count)
-        held_out = sum(
+        held_out = [
             form.at(chosen, others.solution(chosen)) for others, form in self._unseen
-        )
-        return Scores(total, float(bic), float(held_out))
+        ]
+        return Scores(total, float(bic), np.array(held_out))
 
     def step(self, indices: Int[np.ndarray, " chosen"]) -> np.ndarray:
         """Change of all parameters to the solution of that model, on all detections."""

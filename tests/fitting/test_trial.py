@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfit.fitting.trial import Statistics, Trial, together
+from lensfit.fitting.trial import Scores, Statistics, Trial, together
 
 SIZE, ROWS = 12, 90
 ALWAYS, TRIED, IDLE = np.array([0, 3, 4]), np.array([1, 2, 6, 7, 8, 9]), [5, 10, 11]
@@ -61,6 +61,17 @@ def test_each_part_is_predicted_by_all_others():
     solved = [_solved(some, chosen) for some in others]
     expected = sum(_cost(p, step) for p, step in zip(parts, solved, strict=True))
     assert held_out == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("falls", "better"),
+    [((3.0, 2.0, 4.0), True), ((9.0, -2.0, -1.0), False), ((-1.0, -1.0, -1.0), False)],
+)
+def test_a_model_predicts_better_by_more_than_the_standard_error(falls, better):
+    before = np.array([20.0, 30.0, 40.0])
+    more, less = (Scores(1.0, 0.0, held) for held in (before - falls, before))
+    assert more.predicts_better_than(less) is better
+    assert not less.predicts_better_than(less)
 
 
 def test_a_parameter_of_every_model_cannot_be_tried():

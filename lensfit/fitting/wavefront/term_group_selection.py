@@ -2,10 +2,10 @@
 
 All from the normal equations of the largest model, without a new fit (`fitting.trial`):
 a term group stays if the Bayesian information criterion improves by it and dots that
-were held out, half of a photograph's at a time, are predicted better. The highest
-orders are tried first. If a term group stays, the one that it refines stays too: a lens
-whose axial colour was left out, while the colour of its third order stood for it, had
-red .02 px from where it lands.
+were held out, half of a photograph's at a time, are predicted better by more than the
+standard error of that. The highest orders are tried first. If a term group stays, the
+one that it refines stays too: a lens whose axial colour was left out, while the colour
+of its third order stood for it, had red .02 px from where it lands.
 
 Cells of one dot share the model's error of that dot, so they do not count as so many
 observations: `CELLS_PER_DOT` of each dot and channel do.
@@ -91,7 +91,7 @@ def select_term_groups(
         full, less = (trial.scores(indices_of(tuple(m))) for m in (kept, without))
         gain = less.bic - full.bic
         held_out = 1 - full.held_out / max(less.held_out, 1e-300)
-        supported = gain > _LEAST_BIC_GAIN and held_out > 0
+        supported = gain > _LEAST_BIC_GAIN and full.predicts_better_than(less)
         refined = any(_REFINES.get(other.name) == term_group.name for other in without)
         term_decision = TermDecision(term_group.name, supported, gain, held_out)
         if refined:

@@ -159,7 +159,7 @@ def test_a_gain_is_a_share_of_what_was_left_without_the_term(centred, monkeypatc
     """Every number takes three quarters of the held-out sum of squares away."""
 
     def scores(indices) -> Scores:
-        return Scores(1.0, -100.0 * len(indices), 4.0 ** -len(indices))
+        return Scores(1.0, -100.0 * len(indices), np.array([4.0 ** -len(indices)]))
 
     fake = SimpleNamespace(scores=scores)
     monkeypatch.setattr(term_group_selection, "trial_of", lambda *_: fake)
