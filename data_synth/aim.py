@@ -84,13 +84,21 @@ def _solve(matrices, vectors):
     return np.stack([(d * x - b * y) * inverse, (a * y - c * x) * inverse], -1)
 
 
+def chief_rays(
+    lens: SetLens, points_mm: Float[np.ndarray, "points 3"], wavelength_nm: float
+) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, "points 2"]]:
+    """Where chief rays of scene points cross the entrance-pupil plane (`chief_aim_mm`),
+    and where they land on the sensor (`chief_landings_mm`)."""
+    aim = chief_aim_mm(lens, points_mm, wavelength_nm)
+    traced, _ = rays_through_pupil(lens, points_mm, aim, wavelength_nm)
+    return aim, -traced.landing_mm
+
+
 def chief_landings_mm(
     lens: SetLens, points_mm: Float[np.ndarray, "points 3"], wavelength_nm: float
 ) -> Float[np.ndarray, "points 2"]:
     """Sensor positions (upright, x right, y down) of the chief rays of scene points."""
-    aim = chief_aim_mm(lens, points_mm, wavelength_nm)
-    traced, _ = rays_through_pupil(lens, points_mm, aim, wavelength_nm)
-    return -traced.landing_mm
+    return chief_rays(lens, points_mm, wavelength_nm)[1]
 
 
 def pupil_bounds_mm(

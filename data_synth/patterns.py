@@ -1,10 +1,11 @@
-"""Photographs of line grids and checkerboards: one sharp warp for each pupil point.
+"""Photographs of line grids and checkerboards: one warp for each cell of the pupil.
 
-A photograph is the sum over pupil points and wavelengths of sharp pictures, each the
-chart seen through that one point. For each the exactly traced pairs (sensor position,
-chart position) over the field are fitted by a polynomial, which is evaluated at every
-pixel; the pattern is then averaged over the pixel's footprint on the chart in closed
-form. The sum of all pictures is scaled so that an open chart has its traced irradiance.
+A photograph is the sum over cells of the pupil and wavelengths of nearly sharp
+pictures, each the chart seen through that one cell: from pixels to the chart. For each
+the exactly traced pairs (sensor position, chart position) over the field are fitted by
+a polynomial, which is evaluated at every pixel; the pattern is then averaged over the
+footprint of pixel and cell on the chart in closed form. The sum of all pictures is
+scaled so that an open chart has its traced irradiance.
 
 Approximations, and how they are kept honest: (1) the polynomial's largest misfit is
 returned, px; (2) the pupil is a grid of cells, each weighted by the part of it that is
@@ -24,6 +25,7 @@ from scipy.ndimage import distance_transform_edt
 from data_synth.aim import (
     chief_aim_mm,
     chief_landings_mm,
+    chief_rays,
     pupil_bounds_mm,
     rays_through_pupil,
     tracer_from_object,
@@ -63,13 +65,13 @@ def expose_pattern(
     frame: Frame,
     bands: tuple[Band, ...],
     *,
-    pupil_points_across: int = 7,
+    pupil_cells_across: int = 7,
 ) -> tuple[Float[np.ndarray, "height width 3"], float]:
     """Photograph any chart; 1.0 is the brightness of an open white chart on axis.
 
     Parameters
     ----------
-    pupil_points_across : Points of the pupil grid across its diameter.
+    pupil_cells_across : Cells of the pupil grid across its diameter.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def expose_pattern(
     """
     image = np.zeros((frame.size_px[1], frame.size_px[0], 3))
     field = _field_over(lens, pose, frame)
-    offsets_mm = _pupil_grid(lens, field, pupil_points_across)
+    offsets_mm = _pupil_grid(lens, field, pupil_cells_across)
     misfit_px = 0.0
     whites = _whites(lens, pose, field, frame, bands)
     for channel, (band, white) in enumerate(zip(bands, whites, strict=True)):
@@ -156,7 +158,7 @@ def _whites(
 
 
 def _pupil_grid(
-    lens: SetLens, field: _Field, points_across: int
+    lens: SetLens, field: _Field, cells_across: int
 ) -> Float[np.ndarray, "points 2"]:
     """Points over the box that holds every field point's pupil, from its chief ray."""
     some = field.points_mm[::4]
@@ -164,9 +166,29 @@ def _pupil_grid(
     lower, upper = pupil_bounds_mm(lens, some, 540.0)
     low = np.nanmin(lower - centre, axis=0)
     high = np.nanmax(upper - centre, axis=0)
-    steps = (np.arange(points_across) + 0.5) / points_across
+    steps = (np.arange(cells_across) + 0.5) / cells_across
     axes = [a + (b - a) * steps for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _OpenCell:
+    """A cell of the pupil grid that is open for some node of the field.
+
+    Attributes
+    ----------
+    offset_mm : Of its middle, from the chief ray.
+    usable : Where light passes its middle; what no light takes may land anywhere.
+    opening : Which part is open.
+    moved_px : Where the open part lands on average, from where the middle does.
+    box_px : Sides of a box, along the sensor's axes, of the variance of its rays.
+    """
+
+    offset_mm: Float[np.ndarray, "2"]
+    usable: Bool[np.ndarray, " nodes"]
+    opening: Float[np.ndarray, " nodes"]
+    moved_px: Float[np.ndarray, "nodes 2"]
+    box_px: Float[np.ndarray, "nodes 2"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +199,7 @@ class _Picture:
     """
 
     maps: Float[np.ndarray, "2 order order"]
-    cell: "_OpenCell"
+    cell: _OpenCell
     share: float
     misfit_px: float
 
@@ -205,26 +227,6 @@ def _field_over(lens: SetLens, pose: Pose, frame: Frame) -> _Field:
     return _Field(chart_mm, tracer_from_object(object_mm), tracer_from_object(normal))
 
 
-@dataclass(frozen=True, eq=False)
-class _OpenCell:
-    """A cell of the pupil grid that is open for some node of the field.
-
-    Attributes
-    ----------
-    offset_mm : Of its middle, from the chief ray.
-    usable : Where light passes its middle; what no light takes may land anywhere.
-    opening : Which part is open.
-    moved_px : Where the open part lands on average, from where the middle does.
-    box_px : Sides of a box, along the sensor's axes, of the variance of its rays.
-    """
-
-    offset_mm: Float[np.ndarray, "2"]
-    usable: Bool[np.ndarray, " nodes"]
-    opening: Float[np.ndarray, " nodes"]
-    moved_px: Float[np.ndarray, "nodes 2"]
-    box_px: Float[np.ndarray, "nodes 2"]
-
-
 def _open_cells(
     lens: SetLens, field: _Field, frame: Frame, offsets_mm, wavelength_nm: float
 ) -> list[_OpenCell]:
@@ -233,8 +235,8 @@ def _open_cells(
     cell_mm = np.ptp(offsets_mm, axis=0) / (across - 1)
     steps = (np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5
     fine = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) * cell_mm
-    centre = chief_aim_mm(lens, field.points_mm, wavelength_nm)
-    chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, wavelength_nm))
+    centre, chief_mm = chief_rays(lens, field.points_mm, wavelength_nm)
+    chief_px = frame.px_from_mm(chief_mm)
     points = np.repeat(field.points_mm, len(fine), axis=0)
     cells = []
     for offset in offsets_mm:
@@ -295,8 +297,8 @@ def _pictures(
     lens, field: _Field, frame, wavelength_nm, share, cells, ray_map
 ) -> list[_Picture]:
     """One picture for every cell of the pupil that is open somewhere."""
-    centre = chief_aim_mm(lens, field.points_mm, wavelength_nm)
-    chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, wavelength_nm))
+    centre, chief_mm = chief_rays(lens, field.points_mm, wavelength_nm)
+    chief_px = frame.px_from_mm(chief_mm)
     pictures = []
     for cell in cells:
         traced, _ = rays_through_pupil(
@@ -335,8 +337,8 @@ def _render(chart, pictures, white: _White, frame) -> Float[np.ndarray, "h w"]:
             rows_here = slice(top, top + ROWS_AT_ONCE)
             planes = across.between(upright.between(coarse, 1, rows_here), 2)
             departure_mm, box_mm, share = _seen_from(planes, white, rows_here)
-            chart_mm = _single_precision(chief_mm[:, rows_here] + departure_mm)
-            seen = pattern_coverage(chart, chart_mm, _single_precision(box_mm))
+            chart_mm = _chart_points(chief_mm[:, rows_here] + departure_mm)
+            seen = pattern_coverage(chart, chart_mm, _chart_points(box_mm))
             picture[rows_here] += share * seen
             weight[rows_here] += share
     # Single precision may leave the dark a hair below zero.
@@ -367,7 +369,8 @@ def _seen_from(
     return departure_mm, np.hypot(right_mm * box_px[0], down_mm * box_px[1]), share
 
 
-def _single_precision(
+def _chart_points(
     planes: Float[np.ndarray, "2 rows width"],
 ) -> Float32[np.ndarray, "rows width 2"]:
+    """X and Y last and in single precision, as patterns take them."""
     return np.moveaxis(planes, 0, -1).astype(np.float32)

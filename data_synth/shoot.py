@@ -68,7 +68,7 @@ class Shot:
         brightest half per mille of the picture at 0.75.
     rays_per_wavelength : Per dot, by brute force.
     from_maps : Dots are drawn from pupil maps in place of brute force.
-    pupil_points : Across the pupil, through each of which other charts are seen.
+    pupil_cells : Across the pupil, through each of which other charts are seen.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Shot:
     says_distance: bool = True
     rays_per_wavelength: int = 2048
     from_maps: bool = False
-    pupil_points: int = 7
+    pupil_cells: int = 7
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def _taken(lens: SetLens, camera: Camera, shot: Shot, seed: int) -> Taken:
     few = camera_bands(min(camera.wavelengths, 3))
     image, misfit_px = expose_pattern(
         lens, shot.chart, shot.pose, camera.frame, few,
-        pupil_points_across=shot.pupil_points,
+        pupil_cells_across=shot.pupil_cells,
     )  # fmt: skip
     return Taken(image, None, misfit_px)
 

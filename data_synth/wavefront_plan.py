@@ -46,8 +46,9 @@ ALMOST_SQUARE = Pose(
 )
 """As well as a chart is set up by hand; shifts in pitches."""
 
-_PUPIL_POINTS = 17
-"""Across the pupil, of patterns that are out of focus: blur of 12 px without steps."""
+_PUPIL_CELLS = 17
+"""Across the pupil, of patterns that are out of focus: pictures of a fast lens far out
+of focus are then within .0006 of white (rms) of those of 49 cells."""
 _NAMES = {
     "dot-grid": "dots",
     "checkerboard": "checkers",
@@ -130,7 +131,7 @@ def wavefront_shots(
     widest = prescription.f_number
     stops = (widest, handy(2 * widest)) if plan.with_stopped_down else (widest,)
     take = partial(Shot, form=plan.form, brightest=plan.brightest, from_maps=True)
-    blurred = partial(take, pupil_points=_PUPIL_POINTS)
+    blurred = partial(take, pupil_cells=_PUPIL_CELLS)
     pose = _placed(plan.pose, distance_mm, pitch_mm)
     shots = [
         blurred(named(about, stop, state), chart, pose, stop, focus_mm[state])

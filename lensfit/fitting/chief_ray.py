@@ -359,7 +359,7 @@ def _fit_selected(
     precision = precision / np.maximum(everything.standard_deviation, 1e-30) ** 2
     offset = here - everything.mean
     found = choose(
-        *halves_of(replace(adjustment, prior=everything)),
+        halves_of(replace(adjustment, prior=everything)),
         precision,
         offset,
         always,

@@ -20,7 +20,7 @@ Reference: G. Schwarz, Annals of Statistics 6 (1978) 461-464.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -152,8 +152,7 @@ class Choice(NamedTuple):
 
 
 def choose(
-    first_half: Statistics,
-    second_half: Statistics,
+    halves: Sequence[Statistics],
     precision: Float[np.ndarray, " parameters"],
     offset: Float[np.ndarray, " parameters"],
     always: Int[np.ndarray, " always"],
@@ -165,7 +164,7 @@ def choose(
 
     Parameters
     ----------
-    first_half, second_half : Normal equations at the current solution.
+    halves : Normal equations of each half of the detections, at the current solution.
     precision : Prior precision of every parameter.
     offset : Current parameters minus their prior mean.
     always : Parameters that are in every model; none of them in `terms`.
@@ -175,7 +174,6 @@ def choose(
     stated : Normal equations of stated values (`Trial`).
     """
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
-    halves = first_half, second_half
     trial = Trial(halves, precision, offset, always, tried, stated)
     kept: dict[str, int] = {}
     decisions: dict[str, TermDecision] = {}

@@ -124,7 +124,7 @@ def test_both_ways_of_making_a_photograph_agree(lens):
         lens, chart, pose, FRAME, bands, rays_per_wavelength=2048
     )
     by_warps, misfit_px = expose_pattern(
-        lens, chart, pose, FRAME, bands, pupil_points_across=5
+        lens, chart, pose, FRAME, bands, pupil_cells_across=5
     )
     assert misfit_px < 1e-4
     for dot in inner(truth, 20)[::3]:
@@ -144,7 +144,7 @@ def test_few_cells_of_the_pupil_draw_blur_without_steps():
     chart, bands = Chart("checkerboard", pitch_mm=160.0, mark_mm=1.0), camera_bands(1)
     few, many = (
         expose_pattern(
-            fast, chart, Pose(2000.0), frame, bands, pupil_points_across=across
+            fast, chart, Pose(2000.0), frame, bands, pupil_cells_across=across
         )[0]
         for across in (7, 15)
     )
@@ -164,7 +164,7 @@ def test_an_open_chart_has_the_traced_illumination_at_every_pixel(lens):
         Pose(DISTANCE_MM),
         frame,
         camera_bands(),
-        pupil_points_across=3,
+        pupil_cells_across=3,
     )
     assert image[23:25, 31:33].mean() == pytest.approx(1.0, abs=3e-3)
     table = np.array(field_table(lens, frame))

@@ -48,7 +48,7 @@ def _choose(
         for h in (first, ~first)
     ]
     precision = np.full(DESIGN.shape[1], 1e-2)
-    return choose(*halves, precision, offset, ALWAYS, TERMS)
+    return choose(halves, precision, offset, ALWAYS, TERMS)
 
 
 def _truth(**at: float) -> np.ndarray:

@@ -58,7 +58,7 @@ DEFAULT_POINTS = Points()
 class Equations(NamedTuple):
     """Normal equations of every fold of the dots, without priors.
 
-    Two folds for each take, so that half of the dots, or any take, can be held out
+    Two folds for each take, so that half of a take's dots, or any take, can be held out
     without a new fit.
 
     Attributes

@@ -85,10 +85,11 @@ def select_term_groups(
     tried = tuple(f for f in term_groups if f.optional)
     trial = trial_of(stage, always, indices_of(tried))
     kept = sorted(tried, key=lambda f: _REMOVAL_ORDER.index(f.name))
+    full = trial.scores(indices_of(tuple(kept)))
     term_decisions = {}
     for term_group in list(kept):
         without = [f for f in kept if f is not term_group]
-        full, less = (trial.scores(indices_of(tuple(m))) for m in (kept, without))
+        less = trial.scores(indices_of(tuple(without)))
         gain = less.bic - full.bic
         held_out = 1 - full.held_out / max(less.held_out, 1e-300)
         supported = gain > _LEAST_BIC_GAIN and full.predicts_better_than(less)
@@ -98,12 +99,11 @@ def select_term_groups(
             term_decision = term_decision.with_override("terms that refine it are kept")
         term_decisions[term_group.name] = term_decision
         if not term_decision.kept:
-            kept = without
+            kept, full = without, less
     order = [f.name for f in term_groups]
     chosen = tuple(f for f in term_groups if not f.optional or f in kept)
     decisions = sorted(term_decisions.values(), key=lambda v: order.index(v.name))
-    predicted = trial.scores(indices_of(tuple(kept))).sum_of_squares
-    return TermGroupSelection(chosen, tuple(decisions), predicted)
+    return TermGroupSelection(chosen, tuple(decisions), full.sum_of_squares)
 
 
 def trial_of(
@@ -124,15 +124,12 @@ def trial_of(
 
 def _statistics_of_folds(stage: Stage) -> list[Statistics]:
     """Of half the dots of one take each; folds without dots are left out."""
-    equations = stage.equations
+    matrix, gradient, chi_squared = (np.asarray(part) for part in stage.equations)
     seen = CELLS_PER_DOT * np.any(stage.weight > 0, (-2, -1)).sum(1)
     fold = folds_of(stage.dot_data)
     return [
         Statistics(
-            np.asarray(equations.matrix[k]),
-            np.asarray(equations.gradient[k]),
-            float(equations.chi_squared[k]),
-            int(seen[fold == k].sum()),
+            matrix[k], gradient[k], float(chi_squared[k]), int(seen[fold == k].sum())
         )
         for k in np.unique(fold)
     ]
