@@ -104,7 +104,7 @@ class TermDecision:
             return f"left out: the BIC gain is too small; {scores}"
         if self.held_out_gain > LEAST_HELD_OUT_GAIN and not self.visible:
             return f"left out: its effect is below {LEAST_EFFECT_PX:g} px; {scores}"
-        return f"left out: it does not reduce the held-out error; {scores}"
+        return f"left out: it does not reduce the held-out error enough; {scores}"
 
 
 def _signed_percent(percent: float) -> str:

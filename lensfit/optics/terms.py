@@ -32,7 +32,11 @@ What is linear in u is then taken out of the modes with m = 1: a shift of the wh
 belongs to distortion and lateral colour, and the ray through the pupil's centre stays
 where it is.
 
-Every function takes one field or pupil point; callers map it over many with `jax.vmap`.
+In powers of P a mode holds on the unit disc alone, and in single precision, as in the
+fit, up to degree 10 or so (slopes to 1e-5): beyond, powers cancel.
+
+Functions take one field or pupil point, which callers map over many with `jax.vmap`,
+where they do not say that they take rays.
 
 References: W. T. Welford, Aberrations of Optical Systems (1986); J. J. M. Braat and
 A. J. E. M. Janssen, J. Opt. Soc. Am. A 30 (2013) 1213, for double Zernike expansions.

@@ -44,7 +44,9 @@ if TYPE_CHECKING:
     from lensfit.lens import Lens
 
 RINGS = 12
+"""Of the pupil; where rays land is linear between them."""
 COLUMNS, ROWS = 9, 7
+"""Nodes over the window."""
 _FINE_SIDES = ((6.0, 4), (12.0, 3), (40.0, 2))
 """Blur up to this radius (px) is laid down on so many times finer pixels."""
 _PER_PIXEL = 4.0

@@ -230,8 +230,8 @@ def _overlay(take: dict, pictures: Mapping[str, str | None]) -> Markup:
 _MOST_VALUES = 6
 """Of one term; of more the largest is shown, all are in the JSON."""
 _ABOUT = (
-    "A term is kept only if it improves held-out error and BIC, and its effect is "
-    "larger than the photographs' noise."
+    "A term is kept if BIC and held-out error are clearly better with it, of the map "
+    "only if its effect is larger than the photographs' noise; or for the reason given."
 )
 
 

@@ -46,8 +46,8 @@ class Layout:
     Attributes
     ----------
     terms, colour_terms : Of the aberration function.
-    groups : Number of defocus values.
-    stops : Number of f-numbers besides the widest.
+    groups : Room for so many defocus values.
+    stops : Room for so many f-numbers besides the widest.
     rims : Number of rims that clip.
     focus_terms : Those of the terms that may change with the focus distance.
     anamorphic : Whether x and y have separate defocus.

@@ -6,8 +6,8 @@ period of most waves, and there a wave is a polynomial of low degree: its expans
 Chebyshev polynomials T_m ends a few terms beyond its wave number times half the width
 of the box (the Bessel functions J_m of that product). So sums are taken over pairs of
 polynomials, which are far fewer, and drawn in waves once for each shape. Waves that
-polynomials of this degree cannot follow are left out: they belong to blurs so wide that
-the rays which sample them are no closer than such a wave's period.
+polynomials of this degree cannot follow are left out: their period is less than a third
+of the blur's radius.
 
 Reference: L. N. Trefethen, Approximation Theory and Approximation Practice (2013), on
 Chebyshev interpolants.

@@ -3,9 +3,9 @@
 All from the normal equations of the largest model, without a new fit (`fitting.trial`):
 a term group stays if the Bayesian information criterion improves by it and dots that
 were held out, half of a photograph's at a time, are predicted better by more than the
-standard error of that. The highest orders are tried first. If a term group stays, the
-one that it refines stays too: a lens whose axial colour was left out, while the colour
-of its third order stood for it, had red .02 px from where it lands.
+standard error of that. Removing the highest orders is tried first. If a term group
+stays, the one that it refines stays too: a lens whose axial colour was left out, while
+the colour of its third order stood for it, had red .02 px from where it lands.
 
 Cells of one dot share the model's error of that dot, so they do not count as so many
 observations: `CELLS_PER_DOT` of each dot and channel do.
@@ -47,6 +47,7 @@ _REMOVAL_ORDER = (
     "axial_colour",
     "cylinders_third_order",
 )
+"""In which their removal is tried; a term group that is not listed comes first."""
 _REFINES = {
     "band_width": "axial_colour",
     "ninth_order": "seventh_order",
@@ -86,7 +87,8 @@ def select_term_groups(
     always = always[stage.deviation[always] > 0]  # some are freed later
     tried = tuple(f for f in term_groups if f.optional)
     trial = trial_of(stage, always, indices_of(tried))
-    kept = sorted(tried, key=lambda f: _REMOVAL_ORDER.index(f.name))
+    place = {name: k for k, name in enumerate(_REMOVAL_ORDER)}
+    kept = sorted(tried, key=lambda f: place.get(f.name, -1))
     full = trial.scores(indices_of(tuple(kept)))
     term_decisions = {}
     for term_group in list(kept):
