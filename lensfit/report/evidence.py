@@ -139,9 +139,9 @@ PRECISE_PX, GOOD_PX, ROUGH_PX = 0.1, 0.5, 1.5
 """What is negligible for set measurement; where a locked-off match-move begins to show;
 where soft CG does."""
 LEAST_OBJECT_DEVIATION_PX = 3 * PRECISE_PX
-"""Standard deviation of objects above which they bear on what a lens is good for. Of
-errors with this deviation a quarter are negligible, erf(1 / (3 sqrt 2)): of smaller
-ones too many lenses would be called worse than they are."""
+"""Standard deviation of objects, both axes together, above which they bear on what a
+lens is good for. Of errors with this deviation a tenth are negligible, 1 - exp(-1/9):
+of smaller ones too many lenses would be called worse than they are."""
 
 CORNER_SIGNS = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
 """Top left, top right, bottom left, bottom right, of x right and y down."""

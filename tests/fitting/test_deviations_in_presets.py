@@ -98,6 +98,20 @@ def test_positions_are_known_as_the_fit_and_its_report_say(state, lens):
     np.testing.assert_allclose(sd_px, grid, atol=1e-5)
 
 
+def test_the_radial_profile_is_known_as_the_map_is(state, lens):
+    """Its circles reach beyond the frame, over which a pose makes good of errors."""
+    facts = entry_facts(state, lens, BLOCK)
+    profile = facts["radial_profile"]
+    radius_mm = profile["radius_mm"][-1]
+    angle = 2 * np.pi * np.arange(24) / 24
+    circle = radius_mm * np.stack([np.cos(angle), np.sin(angle)], -1)
+    circle = circle + np.asarray(lens.distortion.principal_point_mm)
+    stated_mm = lens.position_standard_deviation_mm(circle)
+    of_radius = np.sqrt(np.mean(np.sum(stated_mm**2, -1))) / radius_mm
+    known = profile["standard_deviation_percent"][-1]
+    assert known == pytest.approx(100 * of_radius, rel=1e-3)
+
+
 def test_the_worst_corner_is_told_apart_by_kinds_of_errors(state, lens):
     """Shares of one variance; of centroids none is the wavefront's."""
     shares = entry_facts(state, lens, BLOCK)["corner_shares"]

@@ -65,7 +65,7 @@ def radial_profile(
 
     Parameters
     ----------
-    deviation : None if unknown.
+    deviation : None if unknown. Points reach beyond the frame here.
     """
     centre = np.asarray(lens.distortion.principal_point_mm)
     radius = np.linspace(0, np.hypot(*size_mm) / 2, RADII)[1:]
@@ -172,6 +172,8 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
     deviation = partial(
         position_deviation_mm, state.geometry.adjustment, state.uncertainty
     )
+    frame = in_batches(lens.undistorted_from_distorted, points_over_frame(size_mm))
+    frame = frame[np.isfinite(frame).all(-1)]
     return {
         "focal_length_mm": state.focal_length_mm,
         "focus_distance_mm": plain_distance(state.focus_distance_mm),
@@ -179,7 +181,9 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
         "principal_point_mm": centre.tolist(),
         "distortion_centre_mm": centre.tolist(),
         "distortion_grid": distortion_grid(lens, size_mm),
-        "radial_profile": radial_profile(lens, size_mm, deviation),
+        "radial_profile": radial_profile(
+            lens, size_mm, partial(deviation, frame_mm=frame)
+        ),
         "lateral_colour": _lateral_curves(state, size_px),
         "fall_off": [
             _fall_off_curves(f)
