@@ -200,9 +200,6 @@ def _moments_mm2(dot_data: DotData) -> Float[np.ndarray, "dots 2 2"]:
 
 _SMOOTHING = 3.0
 _MOST_SIGNS = 3
-_FIRST_STEPS = 4
-"""Of every start; then only the better half goes on. Of six traced lenses it held the
-three that are best at the end."""
 _HOPELESS_START, _HOPELESS = 3.0, 1.5
 """Largest cost over the best one's: after one short solve on few dots, where some
 starts have not converged yet; and at the end."""
@@ -273,21 +270,17 @@ def coarse_fit(
     some = dot_data
     if all_stated:
         some = select_dots(dot_data, rows_spread_over_takes(dot_data, _FEW_DOTS))
-    sine = float(dot_data.scale.reference_sine)
     tries = []
+    sine = float(dot_data.scale.reference_sine)
     for focus in _start_foci(dot_data, first, curved=not layout.anamorphic):
         lens = set_focus(perfect, layout, focus, sine)
         # Parameters that are not free here keep the values of a perfect lens.
         parameters = np.where(deviation > 0, lens, perfect)
         stage = smooth_stage(first_stage(some, layout, parameters), _SMOOTHING)
         # Most starts fail: recentring their patches once is enough.
-        stage = recentre_patches(set_priors(stage, deviation), 1)
-        tries.append(candidate_at(solve_stage(stage, _FIRST_STEPS)))
-    tries.sort(key=lambda one: one.cost)
-    going_on = len(tries) // 2 if all_stated else len(tries)
-    tries[:going_on] = [
-        candidate_at(solve_stage(one.stage)) for one in tries[:going_on]
-    ]
+        tries.append(
+            candidate_at(solve_stage(recentre_patches(set_priors(stage, deviation), 1)))
+        )
     candidates, rejected = _finalists(tries, dot_data, side_stated)
     return CoarseFit(candidates, rejected, side_stated, term_groups)
 

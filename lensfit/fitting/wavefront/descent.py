@@ -171,14 +171,12 @@ def fine_fit(stage: Stage, rounds: int) -> Stage:
     stage : On full pixels of the dots to fit.
     rounds : Updates of the robust weights.
     """
-    stage = fit_blades(stage, EARLY_MISFIT_SHARE)
-    if stage.blades:
-        stage = solve_stage(stage)
-    else:
-        stage = fit_blades(solve_stage(stage, _BETWEEN))
+    stage = solve_stage(fit_blades(stage, EARLY_MISFIT_SHARE))
+    if not stage.blades:
+        stage = fit_blades(stage)
     for _ in range(rounds):
         stage = update_robust_weights(solve_stage(stage, _BETWEEN), MODEL_SHARE)
-    return solve_stage(stage, _BETWEEN)
+    return solve_stage(stage)
 
 
 def cost_at_initial_weights(stage: Stage) -> float:
@@ -208,19 +206,16 @@ def fit_selected_term_groups(
     -------
     The fit, the term groups that are free in it, and the decision on each candidate.
     """
-    kept, term_decisions, predicted, step = select_term_groups(fine, term_groups)
+    kept, term_decisions, predicted = select_term_groups(fine, term_groups)
     deviation = deviation_of(kept, fine.layout, FINE)
     dropped = (fine.deviation > 0) & (deviation == 0)
     if not dropped.any():
         return fine, kept, term_decisions
-    # Second derivatives may be wrong far off: then it begins where the parameters are.
-    ends = fine.parameters, fine.parameters + step
-    begun = [
-        replace(fine, parameters=np.where(dropped, fine.mean, one)) for one in ends
-    ]
-    begun = [recentre_patches(set_priors(one, deviation), 1) for one in begun]
-    stage = solve_stage(best_of(begun))
-    # A solve that failed has a cost of NaN.
+    parameters = np.where(dropped, fine.mean, fine.parameters)
+    stage = set_priors(replace(fine, parameters=parameters), deviation)
+    stage = solve_stage(solve_stage(stage))
+    # The prediction comes from second derivatives, which may be wrong far off; and a
+    # solve that failed has a cost of NaN.
     if not chi_squared(stage) <= _COST_OVER_PREDICTED * predicted:
         return (
             fine,

@@ -16,7 +16,7 @@ Reference: J. A. Nelder, J. R. Statist. Soc. A 140 (1977) 48, on marginality.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.trial import Statistics, Trial
@@ -69,13 +69,11 @@ class TermGroupSelection(NamedTuple):
     term_groups : To keep.
     term_decisions : The decision on each candidate.
     chi_squared : Predicted for a fit with only these.
-    step : To where it is predicted to end; what was left out goes to its prior mean.
     """
 
     term_groups: tuple[TermGroup, ...]
     term_decisions: tuple[TermDecision, ...]
     chi_squared: float
-    step: Float[np.ndarray, " parameters"]
 
 
 def select_term_groups(
@@ -107,8 +105,7 @@ def select_term_groups(
     order = [f.name for f in term_groups]
     chosen = tuple(f for f in term_groups if not f.optional or f in kept)
     decisions = sorted(term_decisions.values(), key=lambda v: order.index(v.name))
-    step = trial.step(indices_of(tuple(kept)))
-    return TermGroupSelection(chosen, tuple(decisions), full.sum_of_squares, step)
+    return TermGroupSelection(chosen, tuple(decisions), full.sum_of_squares)
 
 
 def trial_of(
