@@ -56,7 +56,8 @@ errors make .001 to .007, with a Bayes factor decisively against the largest. Fr
 terms increase the standard deviations of principal distance and entrance pupil."""
 TOLERANCE_REASON = "a manufacturing-tolerance prior separates it from the lens' axis"
 TAKEN_OVER_REASON = (
-    "taken over from another focus distance, with a fifth of the tolerance"
+    "taken over from tilted views at another focus distance, within a fifth of the "
+    "tolerance"
 )
 
 DecentringTerms = Mapping[str, Float[np.ndarray, " terms"]]
