@@ -55,10 +55,7 @@ LEAST_SEEN_PX = 0.004
 errors make .001 to .007, with a Bayes factor decisively against the largest. Free
 terms increase the standard deviations of principal distance and entrance pupil."""
 TOLERANCE_REASON = "a manufacturing-tolerance prior separates it from the lens' axis"
-TAKEN_OVER_REASON = (
-    "taken over from tilted views at another focus distance, within a fifth of the "
-    "tolerance"
-)
+TAKEN_OVER_REASON = "taken over from tilted views at another focus distance"
 
 DecentringTerms = Mapping[str, Float[np.ndarray, " terms"]]
 """Values of the decentring terms, by block of `tolerances_of`."""

@@ -272,16 +272,13 @@ def position_deviation_mm(
     adjustment: Adjustment,
     uncertainty: Uncertainty,
     undistorted_mm: Float[np.ndarray, "points 2"],
-    frame_mm: Float[np.ndarray, "seen 2"] | None = None,
 ) -> Float[np.ndarray, " points"]:
     """Standard deviation of the distorted position (root sum of both axes' variances).
 
-    Parameters
-    ----------
-    frame_mm : Points that cover the frame: moves that a change of pose would compensate
-        are fitted over these and removed. The same points if None.
+    `undistorted_mm` should cover the frame: moves that a change of pose would
+    compensate are fitted over these points and removed.
     """
-    each = position_deviations_mm(adjustment, uncertainty, undistorted_mm, frame_mm)
+    each = position_deviations_mm(adjustment, uncertainty, undistorted_mm)
     return np.hypot(*each.T)
 
 
@@ -289,12 +286,9 @@ def position_deviations_mm(
     adjustment: Adjustment,
     uncertainty: Uncertainty,
     undistorted_mm: Float[np.ndarray, "points 2"],
-    frame_mm: Float[np.ndarray, "seen 2"] | None = None,
 ) -> Float[np.ndarray, "points 2"]:
     """`position_deviation_mm` along x and along y."""
-    return _landing_deviations_mm(
-        adjustment, uncertainty.covariance, undistorted_mm, frame_mm
-    )
+    return _landing_deviations_mm(adjustment, uncertainty.covariance, undistorted_mm)
 
 
 def position_variances_mm2(
@@ -314,7 +308,6 @@ def _landing_deviations_mm(
     adjustment: Adjustment,
     covariance: Float[np.ndarray, "*errors parameters parameters"],
     undistorted_mm: Float[np.ndarray, "points 2"],
-    frame_mm: Float[np.ndarray, "seen 2"] | None = None,
 ) -> Float[np.ndarray, "*errors points 2"]:
     """Standard deviations of positions by the covariance of all parameters."""
     layout = adjustment.layout
@@ -324,7 +317,7 @@ def _landing_deviations_mm(
         undistorted_mm,
         compiled_distortion_of(shared, layout, adjustment.frame),
         np.ascontiguousarray(covariance[..., rows[:, None], rows]),
-        undistorted_mm if frame_mm is None else frame_mm,
+        undistorted_mm,
     )
 
 

@@ -85,8 +85,7 @@ def select_term_groups(
     always = always[stage.deviation[always] > 0]  # some are freed later
     tried = tuple(f for f in term_groups if f.optional)
     trial = trial_of(stage, always, indices_of(tried))
-    place = {name: k for k, name in enumerate(_REMOVAL_ORDER)}
-    kept = sorted(tried, key=lambda f: place.get(f.name, -1))
+    kept = sorted(tried, key=_removal_place)
     full = trial.scores(indices_of(tuple(kept)))
     term_decisions = {}
     for term_group in list(kept):
@@ -106,6 +105,11 @@ def select_term_groups(
     chosen = tuple(f for f in term_groups if not f.optional or f in kept)
     decisions = sorted(term_decisions.values(), key=lambda v: order.index(v.name))
     return TermGroupSelection(chosen, tuple(decisions), full.sum_of_squares)
+
+
+def _removal_place(term_group: TermGroup) -> int:
+    listed = term_group.name in _REMOVAL_ORDER
+    return _REMOVAL_ORDER.index(term_group.name) if listed else -1
 
 
 def trial_of(

@@ -58,6 +58,14 @@ def distortion_grid(lens: Lens, size_mm: tuple[float, float]) -> dict[str, Any]:
     }
 
 
+def position_deviation_of(lens: Lens) -> Deviation | None:
+    """At any points of the undistorted picture, what a pose would undo over the frame
+    left out; None if the lens does not say."""
+    if lens.covariances.distortion is None:
+        return None
+    return lambda points: np.hypot(*lens.position_standard_deviation_mm(points).T)
+
+
 def radial_profile(
     lens: Lens, size_mm: tuple[float, float], deviation: Deviation | None
 ) -> dict[str, Any]:
@@ -65,7 +73,7 @@ def radial_profile(
 
     Parameters
     ----------
-    deviation : None if unknown. Points reach beyond the frame here.
+    deviation : None if unknown. The circles reach beyond the frame.
     """
     centre = np.asarray(lens.distortion.principal_point_mm)
     radius = np.linspace(0, np.hypot(*size_mm) / 2, RADII)[1:]
@@ -172,8 +180,6 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
     deviation = partial(
         position_deviation_mm, state.geometry.adjustment, state.uncertainty
     )
-    frame = in_batches(lens.undistorted_from_distorted, points_over_frame(size_mm))
-    frame = frame[np.isfinite(frame).all(-1)]
     return {
         "focal_length_mm": state.focal_length_mm,
         "focus_distance_mm": plain_distance(state.focus_distance_mm),
@@ -181,9 +187,7 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
         "principal_point_mm": centre.tolist(),
         "distortion_centre_mm": centre.tolist(),
         "distortion_grid": distortion_grid(lens, size_mm),
-        "radial_profile": radial_profile(
-            lens, size_mm, partial(deviation, frame_mm=frame)
-        ),
+        "radial_profile": radial_profile(lens, size_mm, position_deviation_of(lens)),
         "lateral_colour": _lateral_curves(state, size_px),
         "fall_off": [
             _fall_off_curves(f)

@@ -19,8 +19,8 @@ from lensfit.report.plain_numbers import rounded_numbers
 from lensfit.units import dioptres_from_mm, mm_from_dioptres
 from lensfit.workflow.calibration.entry_facts import (
     RADII,
-    Deviation,
     distortion_grid,
+    position_deviation_of,
     radial_profile,
     uncertainty_grid,
 )
@@ -38,7 +38,7 @@ def lens_facts(lens: Lens, stops: list[Lens], camera: Camera) -> Facts:
     """
     size_px = camera.image_width_px, camera.image_height_px
     size_mm = camera.sensor_width_mm, camera.sensor_height_mm
-    known = _position_deviation(lens)
+    known = position_deviation_of(lens)
     centre = np.asarray(lens.distortion.principal_point_mm).tolist()
     facts: Facts = {
         "principal_point_mm": centre,
@@ -51,12 +51,6 @@ def lens_facts(lens: Lens, stops: list[Lens], camera: Camera) -> Facts:
     if known is not None:
         facts["uncertainty_grid"] = uncertainty_grid(lens, size_px, size_mm, known)
     return facts
-
-
-def _position_deviation(lens: Lens) -> Deviation | None:
-    if lens.covariances.distortion is None:
-        return None
-    return lambda points: np.hypot(*lens.position_standard_deviation_mm(points).T)
 
 
 def _radii_along_x(

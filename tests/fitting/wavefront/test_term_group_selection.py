@@ -183,6 +183,14 @@ def test_a_centred_lens_is_left_centred(centred):
     }
 
 
+def test_a_group_that_is_not_listed_is_tried_too(centred):
+    stage, term_groups = centred
+    names = {"decentred_elements": "a_term_of_tomorrow"}
+    named = tuple(replace(f, name=names.get(f.name, f.name)) for f in term_groups)
+    decisions = {v.name: v for v in select_term_groups(stage, named).term_decisions}
+    assert not decisions["a_term_of_tomorrow"].kept
+
+
 def test_what_is_refined_stays(decentred):
     """Nobody asks for the exit pupil here; as the lower term of the series that ends
     with what decentred elements do, which is asked for, it stays all the same."""
